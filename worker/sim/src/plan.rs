@@ -1,0 +1,82 @@
+//! Plans as data: the form of a plan file, and the plans that come with Furrow.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// A plan: a base scenario, factors that change it, and a number of seeds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// Its name, such as `guyonneau2022/algorithm-5`.
+    pub name: String,
+    /// One sentence for people.
+    pub title: String,
+    /// Where it comes from: publication and section.
+    pub source: String,
+    /// The scenario that the levels change.
+    pub base: Value,
+    /// The dimensions of its tables, in order.
+    pub factors: Vec<Factor>,
+    /// Every scenario runs with seeds 1 to this, unless the user says otherwise.
+    pub seeds: u64,
+}
+
+/// One dimension.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Factor {
+    /// Its name: `algorithm`, `field`, ..
+    pub name: String,
+    /// What it can be.
+    pub levels: Vec<Level>,
+}
+
+/// One value of a factor, or an inclusive range of them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Level {
+    /// A label and a JSON merge patch on the base.
+    Patch(PatchLevel),
+    /// A label and several patches: a run per patch and seed, all in this level's cell.
+    Pool(PoolLevel),
+    /// One level per integer.
+    Range(RangeLevel),
+}
+
+/// A label and a JSON merge patch on the base.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PatchLevel {
+    /// Kebab-case.
+    pub label: String,
+    /// The patch; an object in it that holds `kind` replaces the whole object instead of merging.
+    pub patch: Value,
+}
+
+/// A label and several patches.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoolLevel {
+    /// Kebab-case.
+    pub label: String,
+    /// The patches.
+    pub pool: Vec<Value>,
+}
+
+/// One level per integer of an inclusive range.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RangeLevel {
+    /// Label in which a run of `#` stands for the integer with leading zeros, such as `nursery-###`.
+    pub label: String,
+    /// First and last integer.
+    pub range: [u64; 2],
+    /// Dotted path in the scenario that is set to the integer.
+    pub path: String,
+}
+
+/// The plans that come with Furrow, as (name, JSON text), sorted by name.
+#[must_use]
+pub fn builtin() -> &'static [(&'static str, &'static str)] {
+    &[]
+}
