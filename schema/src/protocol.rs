@@ -33,6 +33,15 @@ pub fn key(namespace: &str, coordinator: &str, method: Method) -> String {
     format!("{KEY_PREFIX}/{namespace}/{coordinator}/{}", method.as_str())
 }
 
+/// The key of the liveliness token that `coordinator` holds in `namespace` while it serves.
+///
+/// With `*` for the coordinator it is the key expression that finds all of them: the last word but one of
+/// each answer's key is a coordinator's id.
+#[must_use]
+pub fn coordinator_key(namespace: &str, coordinator: &str) -> String {
+    format!("{KEY_PREFIX}/{namespace}/{coordinator}/coordinator")
+}
+
 /// The four questions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Method {
@@ -288,6 +297,7 @@ mod tests {
     #[test]
     fn keys_hold_version_namespace_and_coordinator() {
         assert_eq!(key("default", "c0ffee", Method::Claim), "furrow/v1/default/c0ffee/claim");
+        assert_eq!(coordinator_key("default", "c0ffee"), "furrow/v1/default/c0ffee/coordinator");
     }
 
     #[test]
