@@ -1,1 +1,7 @@
-//! Placeholder.
+//! The way in: plans become sweeps, results become tables, over HTTP and on the command line.
+//!
+//! Read in this order: `plan` expands and checks what a user asks for, `table` turns results into
+//! statistics and prints them, `publication` puts them beside published values, [`http`] serves all that,
+//! [`cli`] is the command `furrow`, and [`in_process`] joins coordinator and worker without a network.
+
+pub mod http;
