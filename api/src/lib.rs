@@ -5,3 +5,4 @@
 //! [`cli`] is the command `furrow`, and [`in_process`] joins coordinator and worker without a network.
 
 pub mod http;
+pub mod plan;
