@@ -1,1 +1,31 @@
-//! Placeholder.
+//! Pulls jobs, runs them on all cores, reports.
+//!
+//! Read in this order: [`link`] is what a worker can ask of a coordinator, over the network ([`zenoh_link`]) or
+//! within one process; [`worker`] puts its loops together; `board` is its memory, a plain state machine of queued,
+//! running and finished runs; `pool` empties the board on all cores; `claims`, `reports` and `renewals` are the three
+//! conversations that go on meanwhile; [`runner`] is one run, with its stopwatch ([`timing`]) and its recorder
+//! ([`trajectory`]). [`replay`] runs a finished job again to see its path.
+
+mod backoff;
+mod board;
+mod claims;
+mod conversation;
+pub mod link;
+mod pool;
+mod renewals;
+pub mod replay;
+mod reports;
+pub mod runner;
+mod scenarios;
+pub mod timing;
+pub mod trajectory;
+pub mod worker;
+pub mod zenoh_link;
+
+#[cfg(test)]
+mod scripted;
+
+pub use link::{Link, LinkError};
+pub use runner::{Order, Runner, Simulator};
+pub use worker::{Config, Summary, Worker, WorkerError};
+pub use zenoh_link::{ConnectConfig, ConnectError, ZenohLink};

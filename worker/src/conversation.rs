@@ -1,0 +1,138 @@
+//! Asking until there is an answer.
+
+use std::sync::Arc;
+
+use async_trait::async_trait;
+use furrow_schema::id::{Credential, RequestId, WorkerId};
+use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
+use tokio_util::sync::CancellationToken;
+
+use crate::backoff::Backoff;
+use crate::link::{Link, LinkError};
+
+/// A question with the method of [`Link`] that carries it.
+#[async_trait]
+pub(crate) trait Question: Clone + Send + Sync + 'static {
+    /// What a good answer holds.
+    type Answer: Send;
+
+    /// Asks once.
+    async fn ask(link: &dyn Link, call: Call<Self>) -> Result<Reply<Self::Answer>, LinkError>;
+}
+
+macro_rules! question {
+    ($question:ty, $method:ident, $answer:ty) => {
+        #[async_trait]
+        impl Question for $question {
+            type Answer = $answer;
+
+            async fn ask(link: &dyn Link, call: Call<Self>) -> Result<Reply<$answer>, LinkError> {
+                link.$method(call).await
+            }
+        }
+    };
+}
+question!(Hello, hello, Welcome);
+question!(Claim, claim, Leases);
+question!(Report, result, Recorded);
+question!(Renew, renew, Renewed);
+
+/// Why a question is not asked any more.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum AskError {
+    /// The coordinator refused for a reason that does not pass. The worker gives up, but see [`Refusal::Malformed`].
+    #[error("{0}")]
+    Refused(Refusal),
+    /// The link is closed for good. The worker gives up.
+    #[error("the link to the coordinator is closed")]
+    Closed,
+    /// The caller lost interest: the outcome of the question is unknown.
+    #[error("no answer in time")]
+    GivenUp,
+}
+
+/// One worker's side of all questions: who it is, and whom it asks.
+#[derive(Clone)]
+pub(crate) struct Conversation {
+    link: Arc<dyn Link>,
+    worker: WorkerId,
+    credential: Credential,
+    hello: Hello,
+}
+
+impl Conversation {
+    pub(crate) fn new(link: Arc<dyn Link>, worker: WorkerId, hello: Hello) -> Self {
+        Self { link, worker, credential: Credential::random(), hello }
+    }
+
+    /// Presents the worker, until it is welcome.
+    pub(crate) async fn say_hello(&self, give_up: &CancellationToken) -> Result<Welcome, AskError> {
+        self.ask(self.hello.clone(), give_up).await
+    }
+
+    /// Asks once; nothing if there was no answer that helps. A coordinator that does not know the worker (any more)
+    /// hears its hello, for the next time.
+    pub(crate) async fn ask_once<Q: Question>(&self, body: Q) -> Option<Q::Answer> {
+        let answer = Q::ask(&*self.link, self.call(body)).await.ok()?;
+        if matches!(answer, Reply::Refused(Refusal::UnknownWorker)) {
+            self.introduce().await;
+        }
+        answer.into_result().ok()
+    }
+
+    /// Asks, with pauses, until there is an answer or a reason to stop. A coordinator that does not know the
+    /// worker (any more) hears its hello first.
+    pub(crate) async fn ask<Q: Question>(&self, body: Q, give_up: &CancellationToken) -> Result<Q::Answer, AskError> {
+        let call = self.call(body);
+        let mut backoff = Backoff::new();
+        let mut troubled = false;
+        loop {
+            let answer = tokio::select! {
+                answer = Q::ask(&*self.link, call.clone()) => answer,
+                () = give_up.cancelled() => return Err(AskError::GivenUp),
+            };
+            let trouble = match answer {
+                Ok(Reply::Ok(answer)) => {
+                    log_end_of_trouble(troubled);
+                    return Ok(answer);
+                }
+                Ok(Reply::Refused(Refusal::UnknownWorker)) => self.introduce().await,
+                Ok(Reply::Refused(refusal @ Refusal::Unavailable { .. })) => refusal.to_string(),
+                Ok(Reply::Refused(refusal)) => return Err(AskError::Refused(refusal)),
+                Err(LinkError::Closed) => return Err(AskError::Closed),
+                Err(error) => error.to_string(),
+            };
+            log_trouble(troubled, &trouble);
+            troubled = true;
+            tokio::select! {
+                () = tokio::time::sleep(backoff.pause()) => {}
+                () = give_up.cancelled() => return Err(AskError::GivenUp),
+            }
+        }
+    }
+
+    /// A failed introduction shows when the question is asked again.
+    async fn introduce(&self) -> String {
+        let hello = Hello::ask(&*self.link, self.call(self.hello.clone())).await;
+        format!("the worker presented itself again: {}", if hello.is_ok() { "answered" } else { "no answer" })
+    }
+
+    fn call<Q>(&self, body: Q) -> Call<Q> {
+        Call { request: RequestId::random(), worker: self.worker.clone(), credential: self.credential.clone(), body }
+    }
+}
+
+/// Warns once for one question.
+fn log_trouble(troubled: bool, trouble: &str) {
+    if troubled {
+        tracing::debug!(trouble, "asking the coordinator again");
+    } else {
+        tracing::warn!(trouble, "asking the coordinator again");
+    }
+}
+
+fn log_end_of_trouble(troubled: bool) {
+    if troubled {
+        tracing::info!("the coordinator answers again");
+    }
+}

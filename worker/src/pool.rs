@@ -1,0 +1,110 @@
+//! Empties the board on all cores: one simulation a thread, never parallel inside.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use furrow_schema::protocol::RunEnd;
+use tokio::sync::Notify;
+
+use crate::board::{Board, Work};
+use crate::runner::{Order, Runner};
+
+/// A panic's message is cut to this many characters.
+const MAX_MESSAGE: usize = 2_000;
+
+/// The board, and bells that ring when it changes.
+pub(crate) struct Shared<S> {
+    board: Mutex<Board<S>>,
+    /// Rings when a run was taken or ended: there may be room for more jobs.
+    pub(crate) room: Notify,
+    /// Rings when the outbox may have grown, or the board became idle.
+    pub(crate) ended: Notify,
+}
+
+impl<S> Shared<S> {
+    pub(crate) fn new(threads: usize) -> Self {
+        Self { board: Mutex::new(Board::new(threads)), room: Notify::new(), ended: Notify::new() }
+    }
+
+    /// The board. No code panics while it holds the lock, so a poisoned one is as good.
+    pub(crate) fn board(&self) -> MutexGuard<'_, Board<S>> {
+        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Threads that take work from the board.
+pub(crate) struct Pool<R: Runner> {
+    threads: rayon::ThreadPool,
+    shared: Arc<Shared<R::Scenario>>,
+    runner: Arc<R>,
+}
+
+impl<R: Runner> Pool<R> {
+    /// Starts `threads` threads.
+    ///
+    /// # Errors
+    /// The operating system gives no more threads.
+    pub(crate) fn new(
+        threads: usize,
+        shared: Arc<Shared<R::Scenario>>,
+        runner: Arc<R>,
+    ) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let named = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).thread_name(|i| format!("run-{i}"));
+        Ok(Self { threads: named.build()?, shared, runner })
+    }
+
+    /// Sets as many threads to work as there is work for. Called whenever the board got jobs.
+    pub(crate) fn kick(&self) {
+        let more = self.shared.board().engage();
+        for _ in 0..more {
+            let (shared, runner) = (Arc::clone(&self.shared), Arc::clone(&self.runner));
+            self.threads.spawn(move || take_all(&shared, &runner));
+        }
+    }
+}
+
+fn take_all<R: Runner>(shared: &Arc<Shared<R::Scenario>>, runner: &Arc<R>) {
+    loop {
+        let Some(work) = shared.board().take() else { return };
+        shared.room.notify_one();
+        let began = Instant::now();
+        let ended = run(runner.as_ref(), &work);
+        let more = {
+            let mut board = shared.board();
+            board.finish(&work.lease, ended, began.elapsed());
+            board.engage()
+        };
+        shared.ended.notify_one();
+        for _ in 0..more {
+            let (shared, runner) = (Arc::clone(shared), Arc::clone(runner));
+            rayon::spawn(move || take_all(&shared, &runner));
+        }
+    }
+}
+
+fn run<R: Runner>(runner: &R, work: &Work<R::Scenario>) -> RunEnd {
+    let order = Order { seed: work.lease.seed, record: work.lease.record, alone: work.lease.alone };
+    let whole_run = || {
+        let scenario = work.scenario.read_by(|json| runner.read(json))?;
+        Ok::<_, &str>(runner.run(scenario, order, &work.stop))
+    };
+    // The run's own state is dropped by the panic; the scenario is only read.
+    match catch_unwind(AssertUnwindSafe(whole_run)) {
+        Ok(Ok(Some(record))) => RunEnd::Done(record),
+        Ok(Ok(None)) => RunEnd::HandedBack,
+        Ok(Err(message)) => RunEnd::Panicked { message: cut(message) },
+        Err(panic) => RunEnd::Panicked { message: panic_message(panic.as_ref()) },
+    }
+}
+
+/// The text of a caught panic.
+pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().copied();
+    cut(text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message"))
+}
+
+fn cut(message: &str) -> String {
+    message.chars().take(MAX_MESSAGE).collect()
+}

@@ -1,0 +1,35 @@
+//! Keeps the leases alive, and hears which jobs are lost.
+
+use std::time::Duration;
+
+use furrow_schema::protocol::Renew;
+use tokio::time::{MissedTickBehavior, interval};
+
+use crate::conversation::Conversation;
+use crate::pool::Shared;
+
+/// Bounds of the coordinator's wish.
+const MOST_OFTEN: Duration = Duration::from_millis(100);
+const LEAST_OFTEN: Duration = Duration::from_secs(10);
+
+/// Renews all held leases every `every_ms`, for ever. A renewal without an answer is not repeated: the next one
+/// comes soon enough.
+pub(crate) async fn renew_leases<S>(conversation: &Conversation, every_ms: u64, shared: &Shared<S>) {
+    let mut ticks = interval(Duration::from_millis(every_ms).clamp(MOST_OFTEN, LEAST_OFTEN));
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    ticks.tick().await;
+    loop {
+        ticks.tick().await;
+        let held = shared.board().held();
+        if held.is_empty() {
+            continue;
+        }
+        let Some(renewed) = conversation.ask_once(Renew { held }).await else { continue };
+        if !renewed.lost.is_empty() {
+            tracing::info!(jobs = renewed.lost.len(), "jobs are no longer this worker's");
+            shared.board().lose(&renewed.lost);
+            shared.ended.notify_one();
+            shared.room.notify_one();
+        }
+    }
+}

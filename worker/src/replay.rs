@@ -1,0 +1,37 @@
+//! Runs a finished job again to see its path, when its trajectory was not stored.
+
+use std::panic::catch_unwind;
+
+use furrow_sim::{Pose, RunResult, Seed, simulate};
+
+use crate::pool::panic_message;
+use crate::runner::{ReadError, read_scenario};
+use crate::trajectory::Recorder;
+
+/// Why a job cannot be run again.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ReplayError {
+    /// The scenario is not one that this engine can run. The caller says that another engine made it.
+    #[error("{0}")]
+    Scenario(String),
+    /// The simulation panicked. The caller shows the message; trying again will not help.
+    #[error("the run panicked: {0}")]
+    Panicked(String),
+}
+
+/// Runs `scenario_json` (as stored with the job) with `seed` and keeps the path: poses every 0.05 s from 0 s on.
+///
+/// The same engine gives the same digest as the stored result. It takes as long as the run did: callers in
+/// asynchronous code put it on a blocking thread.
+///
+/// # Errors
+/// See [`ReplayError`].
+pub fn rerun(scenario_json: &str, seed: u64) -> Result<(RunResult, Vec<Pose>), ReplayError> {
+    let scenario = read_scenario(scenario_json).map_err(|error: ReadError| ReplayError::Scenario(error.to_string()))?;
+    catch_unwind(|| {
+        let mut recorder = Recorder::default();
+        let result = simulate(&scenario, Seed(seed), &mut recorder);
+        (result, recorder.path)
+    })
+    .map_err(|panic| ReplayError::Panicked(panic_message(panic.as_ref())))
+}

@@ -1,0 +1,83 @@
+//! Says what became of runs, until the coordinator has it on record.
+
+use furrow_schema::id::EngineId;
+use furrow_schema::protocol::{Recorded, Refusal, Report, RunEnd, RunReport};
+use tokio_util::sync::CancellationToken;
+
+use crate::conversation::{AskError, Conversation};
+use crate::pool::Shared;
+use crate::worker::Summary;
+
+/// Reports ended runs until the board is drained, or until `too_late`. While one report is on its way the next one
+/// gathers.
+pub(crate) async fn report_runs<S>(
+    conversation: &Conversation,
+    engine: EngineId,
+    shared: &Shared<S>,
+    too_late: &CancellationToken,
+) -> Result<Summary, AskError> {
+    let mut summary = Summary::default();
+    loop {
+        let (runs, drained) = {
+            let mut board = shared.board();
+            (board.take_ended(), board.is_drained())
+        };
+        if !runs.is_empty() {
+            match report(conversation, engine, &runs, too_late).await {
+                Ok(recorded) => summary.count(&runs, &recorded),
+                Err(AskError::GivenUp) => return Ok(summary),
+                Err(error) => return Err(error),
+            }
+            shared.board().forget(&runs);
+        } else if drained {
+            return Ok(summary);
+        } else {
+            tokio::select! {
+                () = shared.ended.notified() => {}
+                () = too_late.cancelled() => return Ok(summary),
+            }
+        }
+    }
+}
+
+/// A report that is refused as malformed is sent run by run, so that one bad record does not hold up the others.
+async fn report(
+    conversation: &Conversation,
+    engine: EngineId,
+    runs: &[RunReport],
+    too_late: &CancellationToken,
+) -> Result<Recorded, AskError> {
+    match conversation.ask(Report { engine, runs: runs.to_vec() }, too_late).await {
+        Err(AskError::Refused(Refusal::Malformed { .. })) => {}
+        answer => return answer,
+    }
+    let mut all = Recorded::default();
+    for run in runs {
+        let one = report_alone(conversation, engine, run, too_late).await?;
+        all.recorded.extend(one.recorded);
+        all.ignored.extend(one.ignored);
+    }
+    Ok(all)
+}
+
+/// A run whose record the coordinator cannot read is charged to the job like a panic.
+async fn report_alone(
+    conversation: &Conversation,
+    engine: EngineId,
+    run: &RunReport,
+    too_late: &CancellationToken,
+) -> Result<Recorded, AskError> {
+    let refusal = match conversation.ask(Report { engine, runs: vec![run.clone()] }, too_late).await {
+        Err(AskError::Refused(refusal @ Refusal::Malformed { .. })) => refusal,
+        answer => return answer,
+    };
+    tracing::error!(job = %run.job, %refusal, "the coordinator cannot read this run's record");
+    let ended = RunEnd::Panicked { message: format!("the record was refused: {refusal}") };
+    let charge = Report { engine, runs: vec![RunReport { ended, ..run.clone() }] };
+    match conversation.ask(charge, too_late).await {
+        Err(AskError::Refused(Refusal::Malformed { .. })) => {
+            Ok(Recorded { ignored: vec![run.job], ..Recorded::default() })
+        }
+        answer => answer,
+    }
+}

@@ -1,0 +1,199 @@
+//! The worker's life: hello, work until told to stop, hand back, leave.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use furrow_schema::id::{EngineId, WorkerId};
+use furrow_schema::protocol::{Hello, Recorded, Refusal, RunEnd, RunReport};
+use tokio_util::sync::CancellationToken;
+
+use crate::claims::claim_jobs;
+use crate::conversation::{AskError, Conversation};
+use crate::link::Link;
+use crate::pool::{Pool, Shared};
+use crate::renewals::renew_leases;
+use crate::reports::report_runs;
+use crate::runner::{Runner, Simulator};
+
+/// A worker that was told to stop has this long to stop its runs, and as long again to say so.
+const STOP_WITHIN: Duration = Duration::from_secs(2);
+
+/// What a worker is and how much it may use.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Config {
+    /// A name for people, such as the host's.
+    pub name: String,
+    /// Runs at a time, at least 1.
+    pub threads: usize,
+    /// The simulation code it runs.
+    pub engine: EngineId,
+}
+
+impl Config {
+    /// This host, all its cores, the engine that is compiled in.
+    #[must_use]
+    pub fn of_this_host() -> Self {
+        let name = hostname::get().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Self { name, threads, engine: EngineId(furrow_sim::engine::id()) }
+    }
+}
+
+/// What a worker did in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Summary {
+    /// Runs with a result that is on record.
+    pub done: u64,
+    /// Runs that panicked or could not be read.
+    pub panicked: u64,
+    /// Jobs handed back.
+    pub handed_back: u64,
+    /// Reports that came too late and changed nothing.
+    pub ignored: u64,
+}
+
+impl Summary {
+    pub(crate) fn count(&mut self, runs: &[RunReport], recorded: &Recorded) {
+        self.ignored += recorded.ignored.len() as u64;
+        for run in runs.iter().filter(|run| !recorded.ignored.contains(&run.job)) {
+            match run.ended {
+                RunEnd::Done(_) => self.done += 1,
+                RunEnd::Panicked { .. } => self.panicked += 1,
+                RunEnd::HandedBack => self.handed_back += 1,
+            }
+        }
+    }
+}
+
+/// Why a worker ended before it was told to.
+#[derive(Debug, thiserror::Error)]
+pub enum WorkerError {
+    /// The coordinator will not have this worker. The caller shows the reason and leaves.
+    #[error("the coordinator refused this worker: {0}")]
+    Refused(Refusal),
+    /// The link is closed for good. The caller leaves, or connects anew.
+    #[error("the link to the coordinator is closed")]
+    LinkClosed,
+    /// The operating system gives no threads. The caller asks for fewer.
+    #[error("no threads to run on: {0}")]
+    NoThreads(String),
+}
+
+/// Pulls jobs from a coordinator and runs them.
+pub struct Worker<R: Runner = Simulator> {
+    link: Arc<dyn Link>,
+    config: Config,
+    id: WorkerId,
+    runner: Arc<R>,
+}
+
+impl Worker {
+    /// A worker that simulates.
+    #[must_use]
+    pub fn new(link: Arc<dyn Link>, config: Config) -> Self {
+        Self::with_runner(link, config, Simulator)
+    }
+}
+
+impl<R: Runner> Worker<R> {
+    /// A worker that does with a job what `runner` does.
+    #[must_use]
+    pub fn with_runner(link: Arc<dyn Link>, config: Config, runner: R) -> Self {
+        Self { link, config, id: WorkerId::random(), runner: Arc::new(runner) }
+    }
+
+    /// The name it goes by at the coordinator.
+    #[must_use]
+    pub fn id(&self) -> &WorkerId {
+        &self.id
+    }
+
+    /// Works until `stop` is cancelled; then hands back what waits and what runs, and returns within about 5 s.
+    ///
+    /// A coordinator that is away is waited for, with the finished runs in memory.
+    ///
+    /// # Errors
+    /// See [`WorkerError`]: the worker ended without being told to.
+    pub async fn run(self, stop: CancellationToken) -> Result<Summary, WorkerError> {
+        let shared = Arc::new(Shared::new(self.config.threads));
+        let pool = Pool::new(self.config.threads, Arc::clone(&shared), Arc::clone(&self.runner))
+            .map_err(|error| WorkerError::NoThreads(error.to_string()))?;
+        let conversation = Conversation::new(Arc::clone(&self.link), self.id.clone(), self.hello());
+        let welcome = match conversation.say_hello(&stop).await {
+            Ok(welcome) => welcome,
+            Err(AskError::GivenUp) => return Ok(Summary::default()),
+            Err(error) => return Err(error.into()),
+        };
+        tracing::info!(worker = %self.id, threads = self.config.threads, "worker started");
+        let renewals = renew_leases(&conversation, welcome.renew_every_ms, &shared);
+        let summary = tokio::select! {
+            ended = self.converse(&conversation, &shared, &pool, &stop) => ended?,
+            () = renewals => Summary::default(),
+        };
+        tracing::info!(worker = %self.id, done = summary.done, handed_back = summary.handed_back, "worker stopped");
+        Ok(summary)
+    }
+
+    fn hello(&self) -> Hello {
+        let threads = u32::try_from(self.config.threads.max(1)).unwrap_or(u32::MAX);
+        Hello { name: self.config.name.clone(), engine: self.config.engine, threads }
+    }
+
+    /// Claims and reports until everything is said; the first refusal stops the other side, too.
+    async fn converse(
+        &self,
+        conversation: &Conversation,
+        shared: &Shared<R::Scenario>,
+        pool: &Pool<R>,
+        stop: &CancellationToken,
+    ) -> Result<Summary, WorkerError> {
+        let (halt, too_late) = (stop.child_token(), CancellationToken::new());
+        let engine = self.config.engine;
+        let claims = async {
+            let _halts_when_dropped = halt.clone().drop_guard();
+            let ended = claim_jobs(conversation, engine, shared, pool, &halt).await;
+            shared.board().claims_ended();
+            shared.ended.notify_one();
+            ended
+        };
+        let reports = async {
+            let _halts_when_dropped = halt.clone().drop_guard();
+            report_runs(conversation, engine, shared, &too_late).await
+        };
+        let both = async { tokio::join!(claims, reports) };
+        let (claimed, reported) = tokio::select! {
+            ended = both => ended,
+            never = wind_down(shared, &halt, &too_late) => match never {},
+        };
+        shared.board().close();
+        claimed?;
+        Ok(reported?)
+    }
+}
+
+/// After the halt: gives work back, waits a little for the runs to stop, then a little for the last report.
+async fn wind_down<S>(
+    shared: &Shared<S>,
+    halt: &CancellationToken,
+    too_late: &CancellationToken,
+) -> std::convert::Infallible {
+    halt.cancelled().await;
+    shared.board().close();
+    shared.ended.notify_one();
+    tokio::time::sleep(STOP_WITHIN).await;
+    shared.board().abandon();
+    shared.ended.notify_one();
+    tokio::time::sleep(STOP_WITHIN).await;
+    tracing::warn!("leaving without the coordinator's acknowledgement");
+    too_late.cancel();
+    std::future::pending().await
+}
+
+impl From<AskError> for WorkerError {
+    fn from(error: AskError) -> Self {
+        match error {
+            AskError::Refused(refusal) => Self::Refused(refusal),
+            AskError::Closed | AskError::GivenUp => Self::LinkClosed,
+        }
+    }
+}

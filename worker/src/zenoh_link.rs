@@ -1,0 +1,213 @@
+//! The way to a coordinator over Zenoh.
+//!
+//! Every question is a query with an explicit timeout, one reply and no consolidation. What shapes the rest is how
+//! Zenoh 1.10 behaves: a client that was given its endpoint connects again after a break, one that found it by
+//! scouting does not, so the search only finds the endpoint and the session is then opened with it; a coordinator
+//! that is away, or a link that breaks, shows as no reply at once, which tells nothing of what was done.
+
+mod discovery;
+mod session;
+
+use std::time::Duration;
+
+use async_trait::async_trait;
+use furrow_schema::id::WorkerId;
+use furrow_schema::protocol::{
+    Call, Claim, DEFAULT_NAMESPACE, Hello, Leases, Method, Recorded, Renew, Renewed, Reply, Report, Welcome, key,
+};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use tokio::sync::Mutex;
+use zenoh::Session;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::query::ConsolidationMode;
+
+use crate::link::{Link, LinkError};
+
+/// A question is given up after this long. A coordinator that is busy with a large submission needs some of it.
+const QUERY_TIMEOUT: Duration = Duration::from_secs(10);
+/// How long [`ZenohLink::connect`] looks for a coordinator, unless told otherwise.
+const DEFAULT_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Where to look for a coordinator.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConnectConfig {
+    /// Its endpoint, such as `tcp/127.0.0.1:7447`; none to search for it.
+    pub endpoint: Option<String>,
+    /// The namespace it serves.
+    pub namespace: String,
+    /// Whether to search the local network; otherwise only this machine.
+    pub lan: bool,
+    /// How long to look for it; none to wait for ever.
+    pub patience: Option<Duration>,
+}
+
+impl Default for ConnectConfig {
+    fn default() -> Self {
+        Self { endpoint: None, namespace: DEFAULT_NAMESPACE.to_owned(), lan: false, patience: Some(DEFAULT_PATIENCE) }
+    }
+}
+
+/// Why there is no link to a coordinator.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ConnectError {
+    /// Nobody answers. The caller starts a coordinator, or says where it is.
+    #[error(
+        "no coordinator found {place} in namespace `{namespace}`: start one with `furrow serve`, or give its endpoint with --connect"
+    )]
+    NoCoordinator {
+        /// Where it was looked for, in words.
+        place: String,
+        /// For which namespace.
+        namespace: String,
+    },
+    /// More than one answers. The caller chooses.
+    #[error("several coordinators answer, choose one with --connect: {}", endpoints.join(", "))]
+    Ambiguous {
+        /// Their endpoints.
+        endpoints: Vec<String>,
+    },
+    /// The endpoint is not one. The caller corrects it.
+    #[error("--connect: `{endpoint}` is not an endpoint, expected tcp/HOST:PORT: {reason}")]
+    BadEndpoint {
+        /// As it was given.
+        endpoint: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The namespace is not a word of a key. The caller corrects it.
+    #[error("`{0}` is not a namespace: expected letters, digits, `-` and `_`")]
+    BadNamespace(String),
+    /// Zenoh cannot work here. The caller shows the reason and gives up.
+    #[error("cannot open a Zenoh session: {0}")]
+    Session(String),
+}
+
+/// A link to one coordinator. After a break it connects again by itself, and looks up who serves there.
+pub struct ZenohLink {
+    session: Session,
+    namespace: String,
+    state: Mutex<State>,
+}
+
+/// What is known of the other side.
+struct State {
+    coordinator: String,
+    /// Set when a question had no answer: perhaps another coordinator serves there now.
+    doubtful: bool,
+    /// Tells the coordinator at once when this process dies.
+    token: Option<(WorkerId, LivelinessToken)>,
+}
+
+impl ZenohLink {
+    /// Finds a coordinator and connects to it. Needs a multi-threaded tokio runtime.
+    ///
+    /// # Errors
+    /// See [`ConnectError`].
+    pub async fn connect(config: ConnectConfig) -> Result<Self, ConnectError> {
+        let found = discovery::find(&config).await?;
+        tracing::info!(endpoint = found.endpoint, coordinator = found.coordinator, "connected");
+        let state = State { coordinator: found.coordinator, doubtful: false, token: None };
+        Ok(Self { session: found.session, namespace: config.namespace, state: Mutex::new(state) })
+    }
+
+    /// The coordinator's id.
+    pub async fn coordinator(&self) -> String {
+        self.state.lock().await.coordinator.clone()
+    }
+
+    /// Says goodbye: the coordinator sees the worker leave. Without it, dropping the link does the same a little
+    /// later.
+    pub async fn close(&self) {
+        self.state.lock().await.token = None;
+        if let Err(error) = self.session.close().await {
+            tracing::debug!(%error, "closing the session");
+        }
+    }
+
+    async fn ask<Q: Serialize, A: DeserializeOwned>(
+        &self,
+        method: Method,
+        call: &Call<Q>,
+    ) -> Result<Reply<A>, LinkError> {
+        if self.session.is_closed() {
+            return Err(LinkError::Closed);
+        }
+        let coordinator = self.sure_coordinator().await;
+        let answer = self.query(&key(&self.namespace, &coordinator, method), call).await;
+        if matches!(answer, Err(LinkError::NoAnswer(_))) {
+            self.state.lock().await.doubtful = true;
+        }
+        answer
+    }
+
+    async fn query<Q: Serialize, A: DeserializeOwned>(&self, key: &str, call: &Call<Q>) -> Result<Reply<A>, LinkError> {
+        let question = serde_json::to_vec(call).map_err(|error| LinkError::Unreadable(error.to_string()))?;
+        let replies = self
+            .session
+            .get(key)
+            .payload(question)
+            .consolidation(ConsolidationMode::None)
+            .timeout(QUERY_TIMEOUT)
+            .await
+            .map_err(|error| LinkError::NoAnswer(error.to_string()))?;
+        let nobody = |_| LinkError::NoAnswer("nobody is there, or the link broke".to_owned());
+        let reply = replies.recv_async().await.map_err(nobody)?;
+        match reply.result() {
+            Ok(sample) => serde_json::from_slice(&sample.payload().to_bytes())
+                .map_err(|error| LinkError::Unreadable(error.to_string())),
+            Err(error) => Err(LinkError::NoAnswer(String::from_utf8_lossy(&error.payload().to_bytes()).into_owned())),
+        }
+    }
+
+    /// The coordinator to ask: looked up again if the last question had no answer.
+    async fn sure_coordinator(&self) -> String {
+        let mut state = self.state.lock().await;
+        if state.doubtful {
+            let found = session::coordinators(&self.session, &self.namespace).await;
+            if let Some(new) = found.first().filter(|_| !found.contains(&state.coordinator)) {
+                tracing::info!(coordinator = new, "another coordinator serves here now");
+                state.coordinator.clone_from(new);
+                state.token = None;
+            }
+            state.doubtful = found.is_empty();
+        }
+        state.coordinator.clone()
+    }
+
+    /// Shows the coordinator that the worker lives, for as long as this link does.
+    async fn show_life(&self, worker: &WorkerId) {
+        let mut state = self.state.lock().await;
+        if state.token.as_ref().is_some_and(|(shown, _)| shown == worker) {
+            return;
+        }
+        let key = session::worker_key(&self.namespace, &state.coordinator, worker);
+        match self.session.liveliness().declare_token(key).await {
+            Ok(token) => state.token = Some((worker.clone(), token)),
+            Err(error) => tracing::warn!(%error, "the coordinator will notice this worker's end only by its leases"),
+        }
+    }
+}
+
+#[async_trait]
+impl Link for ZenohLink {
+    async fn hello(&self, call: Call<Hello>) -> Result<Reply<Welcome>, LinkError> {
+        let answer = self.ask(Method::Hello, &call).await;
+        if matches!(answer, Ok(Reply::Ok(_))) {
+            self.show_life(&call.worker).await;
+        }
+        answer
+    }
+
+    async fn claim(&self, call: Call<Claim>) -> Result<Reply<Leases>, LinkError> {
+        self.ask(Method::Claim, &call).await
+    }
+
+    async fn result(&self, call: Call<Report>) -> Result<Reply<Recorded>, LinkError> {
+        self.ask(Method::Result, &call).await
+    }
+
+    async fn renew(&self, call: Call<Renew>) -> Result<Reply<Renewed>, LinkError> {
+        self.ask(Method::Renew, &call).await
+    }
+}

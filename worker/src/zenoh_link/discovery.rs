@@ -1,0 +1,136 @@
+//! Finds a coordinator: at a given endpoint, or by scouting.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde_json::json;
+use tokio::time::{Instant, timeout, timeout_at};
+use zenoh::Session;
+use zenoh::config::{EndPoint, WhatAmI};
+
+use super::session::{configure, coordinators, open};
+use super::{ConnectConfig, ConnectError};
+
+/// Once somebody answered a scout, others have this long to answer, too.
+const STRAGGLERS: Duration = Duration::from_millis(300);
+/// A party that answered a scout must accept a connection within this time.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+/// Pause between two looks at an endpoint where no coordinator serves yet.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// The one transport that is compiled in.
+const PROTOCOL: &str = "tcp";
+
+/// A session that ends at a coordinator.
+pub(super) struct Found {
+    pub(super) session: Session,
+    pub(super) endpoint: String,
+    pub(super) coordinator: String,
+}
+
+/// Looks for one coordinator as `config` says, as long as its patience lasts.
+pub(super) async fn find(config: &ConnectConfig) -> Result<Found, ConnectError> {
+    check_namespace(&config.namespace)?;
+    let search = async {
+        match &config.endpoint {
+            Some(endpoint) => at(endpoint, &config.namespace).await,
+            None => by_scouting(config).await,
+        }
+    };
+    let Some(patience) = config.patience else { return search.await };
+    timeout(patience, search).await.unwrap_or_else(|_| Err(nobody(config, patience)))
+}
+
+fn check_namespace(namespace: &str) -> Result<(), ConnectError> {
+    let good = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
+    let fits = !namespace.is_empty() && namespace.chars().all(good);
+    if fits { Ok(()) } else { Err(ConnectError::BadNamespace(namespace.to_owned())) }
+}
+
+fn nobody(config: &ConnectConfig, patience: Duration) -> ConnectError {
+    let place = match (&config.endpoint, config.lan) {
+        (Some(endpoint), _) => format!("at {endpoint}"),
+        (None, true) => "on the local network".to_owned(),
+        (None, false) => "on this machine".to_owned(),
+    };
+    let place = format!("{place} within {} s", patience.as_secs_f64());
+    ConnectError::NoCoordinator { place, namespace: config.namespace.clone() }
+}
+
+/// Waits at one endpoint until a coordinator serves there.
+async fn at(endpoint: &str, namespace: &str) -> Result<Found, ConnectError> {
+    check_endpoint(endpoint)?;
+    let session = open(&[endpoint.to_owned()]).await.map_err(session_error)?;
+    loop {
+        let found = coordinators(&session, namespace).await;
+        match found.as_slice() {
+            [] => tokio::time::sleep(LOOK_AGAIN).await,
+            [coordinator] => {
+                return Ok(Found { session, endpoint: endpoint.to_owned(), coordinator: coordinator.clone() });
+            }
+            _ => return Err(ConnectError::Ambiguous { endpoints: found }),
+        }
+    }
+}
+
+fn check_endpoint(endpoint: &str) -> Result<(), ConnectError> {
+    let bad = |reason: String| ConnectError::BadEndpoint { endpoint: endpoint.to_owned(), reason };
+    let parsed: EndPoint = endpoint.parse().map_err(|error: zenoh::Error| bad(error.to_string()))?;
+    if parsed.protocol().as_str() != PROTOCOL {
+        return Err(bad(format!("the protocol `{}` is not supported", parsed.protocol())));
+    }
+    let address = parsed.address();
+    let port = address.as_str().rsplit_once(':').and_then(|(host, port)| (!host.is_empty()).then_some(port));
+    match port.map(str::parse::<u16>) {
+        Some(Ok(1..)) => Ok(()),
+        _ => Err(bad("it needs a host and a port from 1 to 65535".to_owned())),
+    }
+}
+
+/// Scouts again and again, and asks whoever answers whether it is a coordinator of the namespace.
+async fn by_scouting(config: &ConnectConfig) -> Result<Found, ConnectError> {
+    loop {
+        let mut found = Vec::new();
+        for locators in scout(config.lan).await?.into_values() {
+            found.extend(coordinator_at(&locators, &config.namespace).await);
+        }
+        match found.len() {
+            0 => tokio::time::sleep(LOOK_AGAIN).await,
+            1 => return Ok(found.remove(0)),
+            _ => {
+                let endpoints = found.into_iter().map(|found| found.endpoint).collect();
+                return Err(ConnectError::Ambiguous { endpoints });
+            }
+        }
+    }
+}
+
+/// The locators of everybody who answers, by Zenoh id. Waits for the first, and a little for the others.
+async fn scout(lan: bool) -> Result<BTreeMap<String, Vec<String>>, ConnectError> {
+    let interface = if lan { "auto" } else { "127.0.0.1" };
+    let config = configure(&[("scouting/multicast/interface", json!(interface))]).map_err(session_error)?;
+    let scout = zenoh::scout(WhatAmI::Peer | WhatAmI::Router, config).await.map_err(session_error)?;
+    let mut answers = BTreeMap::new();
+    let mut until = None;
+    loop {
+        let hello = match until {
+            None => scout.recv_async().await.ok(),
+            Some(until) => timeout_at(until, scout.recv_async()).await.ok().and_then(Result::ok),
+        };
+        let Some(hello) = hello else { return Ok(answers) };
+        until.get_or_insert_with(|| Instant::now() + STRAGGLERS);
+        answers.insert(hello.zid().to_string(), hello.locators_iter().map(ToString::to_string).collect());
+    }
+}
+
+/// A session with the party behind these locators, if it is a coordinator of the namespace.
+async fn coordinator_at(locators: &[String], namespace: &str) -> Option<Found> {
+    let locators: Vec<String> = locators.iter().filter(|locator| check_endpoint(locator).is_ok()).cloned().collect();
+    let endpoint = locators.first()?.clone();
+    let session = timeout(CONNECT_TIMEOUT, open(&locators)).await.ok()?.ok()?;
+    let coordinator = coordinators(&session, namespace).await.into_iter().next()?;
+    Some(Found { session, endpoint, coordinator })
+}
+
+fn session_error(error: zenoh::Error) -> ConnectError {
+    ConnectError::Session(error.to_string())
+}

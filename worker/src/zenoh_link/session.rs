@@ -1,0 +1,73 @@
+//! Client sessions, and who serves at their other end.
+
+use std::time::Duration;
+
+use furrow_schema::id::WorkerId;
+use furrow_schema::protocol::{KEY_PREFIX, coordinator_key};
+use serde_json::{Value, json};
+use zenoh::Session;
+use zenoh::config::Config;
+
+/// Coordinators answer a question about their liveliness within this time.
+const ROLL_CALL: Duration = Duration::from_secs(2);
+
+/// The key of the liveliness token that `worker` holds while it lives.
+pub(super) fn worker_key(namespace: &str, coordinator: &str, worker: &WorkerId) -> String {
+    format!("{KEY_PREFIX}/{namespace}/{coordinator}/worker/{worker}")
+}
+
+/// A Zenoh configuration with `settings` made in it.
+pub(super) fn configure(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
+    let mut config = Config::default();
+    for (path, value) in settings {
+        config.insert_json5(path, &value.to_string())?;
+    }
+    Ok(config)
+}
+
+/// Opens a client session with the one party that these endpoints lead to. It waits until one of them answers,
+/// and connects again after a break.
+pub(super) async fn open(endpoints: &[String]) -> Result<Session, zenoh::Error> {
+    let config = configure(&[
+        ("mode", json!("client")),
+        ("connect/endpoints", json!(endpoints)),
+        ("connect/timeout_ms", json!(-1)),
+        ("connect/exit_on_failure", json!(false)),
+        ("connect/retry", json!({"period_init_ms": 200, "period_max_ms": 2_000, "period_increase_factor": 2})),
+        ("listen/endpoints", json!([])),
+        ("scouting/multicast/enabled", json!(false)),
+        ("scouting/gossip/enabled", json!(false)),
+        ("transport/link/tx/lease", json!(2_000)),
+    ])?;
+    zenoh::open(config).await
+}
+
+/// The ids of all coordinators of `namespace` that this session reaches, in order.
+pub(super) async fn coordinators(session: &Session, namespace: &str) -> Vec<String> {
+    let everyone = coordinator_key(namespace, "*");
+    let Ok(replies) = session.liveliness().get(everyone).timeout(ROLL_CALL).await else { return Vec::new() };
+    let mut found = Vec::new();
+    while let Ok(reply) = replies.recv_async().await {
+        let id = reply.result().ok().and_then(|sample| coordinator_of(sample.key_expr().as_str()));
+        found.extend(id.map(str::to_owned));
+    }
+    found.sort();
+    found.dedup();
+    found
+}
+
+/// The last word but one.
+fn coordinator_of(key: &str) -> Option<&str> {
+    key.rsplit('/').nth(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_coordinator_is_named_in_its_key() {
+        assert_eq!(coordinator_of(&coordinator_key("default", "c0ffee")), Some("c0ffee"));
+        assert_eq!(coordinator_of("alone"), None);
+    }
+}
