@@ -1,0 +1,146 @@
+//! What the store knows of a sweep: counts per cell, and per metric moments and, when asked for, values.
+
+use std::collections::BTreeMap;
+
+use furrow_coordinator::moments::{METRIC_LIMIT, Moments};
+use furrow_coordinator::view::{CellSummary, CellValues};
+
+/// The results of a sweep so far.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SweepData {
+    /// Names of the factors, in the plan's order.
+    pub factors: Vec<String>,
+    /// The cells, in the plan's order.
+    pub cells: Vec<CellData>,
+}
+
+/// The results of one cell so far.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CellData {
+    /// Label by factor.
+    pub factors: BTreeMap<String, String>,
+    /// All its runs.
+    pub total: u64,
+    /// Runs with a result.
+    pub done: u64,
+    /// Runs given up on.
+    pub failed: u64,
+    /// What was measured, by metric.
+    pub metrics: BTreeMap<String, Series>,
+}
+
+/// One metric over many runs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Series {
+    /// Number, extremes and exact sums.
+    pub moments: Moments,
+    /// The values, in no particular order; none when only the moments were asked for.
+    pub values: Option<Vec<f64>>,
+}
+
+impl Series {
+    /// The series of these values; those that are no number or beyond the store's limit are left out.
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+        let values: Vec<f64> = values.into_iter().filter(|value| value.abs() <= METRIC_LIMIT).collect();
+        let mut moments = Moments::default();
+        values.iter().for_each(|value| moments.add(*value));
+        Self { moments, values: Some(values) }
+    }
+
+    /// Takes in all of `other`; the values are known only where both were.
+    pub fn merge(&mut self, other: &Self) {
+        let empty = self.moments.n() == 0;
+        self.moments.merge(&other.moments);
+        match (&mut self.values, &other.values) {
+            (Some(values), Some(more)) => values.extend_from_slice(more),
+            (values, more) if empty => values.clone_from(more),
+            (values, _) if other.moments.n() > 0 => *values = None,
+            _ => {}
+        }
+    }
+}
+
+impl SweepData {
+    /// The data of a sweep from the store's answers: `summaries` of all cells, and `values` of all cells or,
+    /// when neither medians nor times are asked for, of none.
+    ///
+    /// The two answers may be of different moments while the sweep runs: where a cell's values are at hand,
+    /// they alone are counted.
+    #[must_use]
+    pub fn new(factors: Vec<String>, summaries: Vec<CellSummary>, values: Vec<CellValues>) -> Self {
+        let mut by_position: BTreeMap<u64, CellValues> =
+            values.into_iter().map(|values| (values.position, values)).collect();
+        let mut summaries = summaries;
+        summaries.sort_by_key(|summary| summary.position);
+        let cell = |summary: CellSummary| {
+            let values = by_position.remove(&summary.position);
+            CellData::new(summary, values)
+        };
+        Self { factors, cells: summaries.into_iter().map(cell).collect() }
+    }
+}
+
+impl CellData {
+    fn new(summary: CellSummary, values: Option<CellValues>) -> Self {
+        let CellSummary { factors, total, done, failed, metrics, .. } = summary;
+        let Some(values) = values else {
+            let metrics = metrics.into_iter().map(|(name, moments)| (name, Series { moments, values: None })).collect();
+            return Self { factors, total, done, failed, metrics };
+        };
+        let done = values.jobs.len() as u64;
+        let columns = values.metrics.into_iter().chain(values.timings);
+        let metrics = columns.map(|(name, column)| (name, Series::of(column.into_iter().flatten()))).collect();
+        Self { factors, total: total.max(done), done, failed, metrics }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn summary(position: u64, values: &[f64]) -> CellSummary {
+        CellSummary {
+            id: furrow_schema::id::CellId(1),
+            position,
+            factors: BTreeMap::from([("field".into(), format!("crop-{position}"))]),
+            total: 5,
+            done: values.len() as u64,
+            failed: 1,
+            metrics: BTreeMap::from([("x_m".into(), Series::of(values.iter().copied()).moments)]),
+        }
+    }
+
+    #[test]
+    fn values_come_to_their_cell_by_position_and_bring_the_timings() {
+        let values = CellValues {
+            position: 2,
+            jobs: vec![furrow_schema::id::JobId(1), furrow_schema::id::JobId(2)],
+            metrics: BTreeMap::from([("x_m".into(), vec![Some(3.0), None])]),
+            timings: BTreeMap::from([("line_finding_time_ms".into(), vec![None, Some(0.5)])]),
+            ..CellValues::default()
+        };
+        let data = SweepData::new(vec!["field".into()], vec![summary(2, &[1.0]), summary(1, &[2.0])], vec![values]);
+        assert_eq!(data.cells[0].factors["field"], "crop-1");
+        assert_eq!(data.cells[0].metrics["x_m"].values, None);
+        assert_eq!(data.cells[1].done, 2);
+        assert_eq!(data.cells[1].metrics["x_m"].values, Some(vec![3.0]));
+        assert_eq!(data.cells[1].metrics["line_finding_time_ms"].moments.mean(), Some(0.5));
+    }
+
+    #[test]
+    fn values_of_a_part_are_not_taken_for_all_values() {
+        let mut known = Series::of([1.0]);
+        known.merge(&Series { values: None, ..Series::of([2.0]) });
+        assert_eq!((known.moments.n(), known.values), (2, None));
+
+        let mut empty = Series::default();
+        empty.merge(&Series::of([2.0]));
+        assert_eq!(empty.values, Some(vec![2.0]));
+    }
+
+    #[test]
+    fn what_is_no_number_is_not_counted() {
+        assert_eq!(Series::of([f64::NAN, f64::INFINITY, 1.0]).moments.n(), 1);
+    }
+}

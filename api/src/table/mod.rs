@@ -1,0 +1,29 @@
+//! From the results of a sweep to tables.
+//!
+//! Read in this order: [`data`] is what the store knows of a sweep, [`query`] what a user asks of it, [`metric`]
+//! what is measured, [`statistics`] what is said of many values, [`tabulate`] makes the cells, [`layout`] sets
+//! them in rows and columns as a [`grid`], and [`render`] writes a grid as CSV, Markdown, LaTeX or text.
+//!
+//! A table is a function of the set of results: the order in which they came leaves no trace.
+
+mod data;
+mod error;
+mod grid;
+mod layout;
+mod metric;
+mod number;
+mod query;
+mod render;
+mod statistics;
+mod tabulate;
+
+pub use data::{CellData, Series, SweepData};
+pub use error::TableError;
+pub use grid::{Align, Column, Entry, Grid};
+pub use metric::{Metric, metric};
+pub use query::{Format, Query, Statistic};
+pub use render::render;
+pub use statistics::{student_interval, summarize, wilson_interval};
+pub use tabulate::{Table, tabulate};
+
+pub(crate) use number::short;

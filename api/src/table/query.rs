@@ -1,0 +1,189 @@
+//! What a user asks of a sweep's results.
+
+use std::str::FromStr;
+
+use super::error::TableError;
+use super::metric::metric;
+
+/// A question for a table. The default asks for everything.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Query {
+    /// Factors that make up the cells, in this order; runs that differ in other factors are put together. None
+    /// takes all factors of the plan, an empty list puts all runs together.
+    pub group_by: Option<Vec<String>>,
+    /// Metrics, in this order. None takes all that are there.
+    pub metrics: Option<Vec<String>>,
+    /// A factor whose levels become columns in CSV, Markdown, LaTeX and text.
+    pub columns: Option<String>,
+    /// Statistics, in this order. None takes all, and in tables for people the mean with its interval.
+    pub statistics: Option<Vec<Statistic>>,
+}
+
+impl Query {
+    /// A question from the words of a URL or a command line, each a list separated by commas.
+    ///
+    /// # Errors
+    /// An unknown statistic. Factors and metrics are checked against the sweep by [`tabulate`](super::tabulate).
+    pub fn from_words(
+        group_by: Option<&str>,
+        metric: Option<&str>,
+        columns: Option<&str>,
+        statistic: Option<&str>,
+    ) -> Result<Self, TableError> {
+        Ok(Self {
+            group_by: group_by.map(list),
+            metrics: metric.map(list).filter(|metrics| !metrics.is_empty()),
+            columns: columns.map(str::trim).filter(|word| !word.is_empty()).map(str::to_owned),
+            statistics: statistic
+                .map(list)
+                .filter(|words| !words.is_empty())
+                .map(|words| words.iter().map(|word| word.parse()).collect())
+                .transpose()?,
+        })
+    }
+
+    /// Whether single values are needed: for medians and times. Everything else comes from the cells' moments.
+    #[must_use]
+    pub fn needs_values(&self) -> bool {
+        let median = self.statistics.as_ref().is_none_or(|statistics| statistics.contains(&Statistic::Median));
+        let timing = self.metrics.as_ref().is_none_or(|names| names.iter().any(|name| metric(name).timing));
+        median || timing
+    }
+}
+
+fn list(words: &str) -> Vec<String> {
+    words.split(',').map(str::trim).filter(|word| !word.is_empty()).map(str::to_owned).collect()
+}
+
+/// A statistic of a metric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Statistic {
+    /// Arithmetic mean.
+    Mean,
+    /// Sample standard deviation.
+    Std,
+    /// Median.
+    Median,
+    /// Smallest value.
+    Min,
+    /// Largest value.
+    Max,
+    /// 95 % interval of the mean.
+    Ci95,
+    /// Number of values.
+    N,
+}
+
+impl Statistic {
+    /// All of them, in the order of a table.
+    pub const ALL: [Self; 7] = [Self::Mean, Self::Std, Self::Median, Self::Min, Self::Max, Self::Ci95, Self::N];
+
+    /// Its key in JSON.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::Std => "std",
+            Self::Median => "median",
+            Self::Min => "min",
+            Self::Max => "max",
+            Self::Ci95 => "ci95",
+            Self::N => "n",
+        }
+    }
+}
+
+impl FromStr for Statistic {
+    type Err = TableError;
+
+    fn from_str(word: &str) -> Result<Self, TableError> {
+        let known = || Self::ALL.map(Self::as_str);
+        let found = Self::ALL.into_iter().find(|statistic| statistic.as_str() == word);
+        found.ok_or_else(|| TableError::new("statistic", "statistic", word, known()))
+    }
+}
+
+/// How a table is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Format {
+    /// The cells as JSON.
+    Json,
+    /// Comma-separated values after RFC 4180, in full precision.
+    Csv,
+    /// A Markdown table.
+    Md,
+    /// A LaTeX tabular with the rules of booktabs.
+    Latex,
+    /// Plain text for a terminal.
+    Text,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Json, Self::Csv, Self::Md, Self::Latex, Self::Text];
+
+    /// The word that asks for it.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Json => "json",
+            Self::Csv => "csv",
+            Self::Md => "md",
+            Self::Latex => "latex",
+            Self::Text => "text",
+        }
+    }
+
+    /// Its media type.
+    #[must_use]
+    pub const fn media_type(self) -> &'static str {
+        match self {
+            Self::Json => "application/json",
+            Self::Csv => "text/csv; charset=utf-8",
+            Self::Md => "text/markdown; charset=utf-8",
+            Self::Latex => "application/x-latex; charset=utf-8",
+            Self::Text => "text/plain; charset=utf-8",
+        }
+    }
+}
+
+impl FromStr for Format {
+    type Err = TableError;
+
+    fn from_str(word: &str) -> Result<Self, TableError> {
+        let found = Self::ALL.into_iter().find(|format| format.as_str() == word);
+        found.ok_or_else(|| TableError::new("format", "format", word, Self::ALL.map(Self::as_str)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_lists_separated_by_commas() {
+        let query = Query::from_words(Some("algorithm, field"), Some(""), Some("field"), Some("mean,ci95")).unwrap();
+        assert_eq!(query.group_by, Some(vec!["algorithm".into(), "field".into()]));
+        assert_eq!(query.metrics, None);
+        assert_eq!(query.columns.as_deref(), Some("field"));
+        assert_eq!(query.statistics, Some(vec![Statistic::Mean, Statistic::Ci95]));
+        assert_eq!(Query::from_words(Some(""), None, None, None).unwrap().group_by, Some(vec![]));
+    }
+
+    #[test]
+    fn an_unknown_word_lists_the_known_ones() {
+        let error = Query::from_words(None, None, None, Some("mode")).unwrap_err().to_string();
+        assert_eq!(error, "statistic: unknown statistic `mode`: allowed are mean, std, median, min, max, ci95, n");
+        let error = "xlsx".parse::<Format>().unwrap_err().to_string();
+        assert_eq!(error, "format: unknown format `xlsx`: allowed are json, csv, md, latex, text");
+    }
+
+    #[test]
+    fn single_values_are_fetched_only_for_medians_and_times() {
+        let needs = |metric, statistic| Query::from_words(None, metric, None, statistic).unwrap().needs_values();
+        assert!(needs(None, None));
+        assert!(needs(Some("success"), None));
+        assert!(needs(Some("line_finding_time_ms"), Some("mean")));
+        assert!(!needs(Some("success,simulated_s"), Some("mean,ci95")));
+    }
+}
