@@ -1,2 +1,7 @@
-//! Placeholder.
-fn main() {}
+//! The command `furrow`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    furrow_api::cli::main(std::env::args_os())
+}

@@ -25,8 +25,9 @@ pub struct Problem {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
     /// What is allowed in its place, where that is a list.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub allowed: Vec<String>,
+    #[serde(default, skip_serializing_if = "<[String]>::is_empty")]
+    #[schema(value_type = Vec<String>)]
+    pub allowed: Box<[String]>,
 }
 
 impl Problem {
@@ -39,7 +40,7 @@ impl Problem {
             status: status.as_u16(),
             detail: detail.into(),
             key: None,
-            allowed: Vec::new(),
+            allowed: Box::default(),
         }
     }
 

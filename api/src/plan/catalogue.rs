@@ -3,10 +3,10 @@
 use furrow_sim::plan::Plan;
 use serde::{Deserialize, Serialize};
 
+use super::Request;
 use super::error::PlanError;
 use super::factor::dimensions;
 use super::source::{PlanSource, builtin_plans};
-use super::Request;
 
 /// A plan in short.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]

@@ -62,7 +62,8 @@ impl CustomField {
     }
 
     /// The field as a request's body holds it: its `name` is the label.
-    pub(super) fn request_part(&self) -> Value {
+    #[must_use]
+    pub fn request_part(&self) -> Value {
         let mut part = self.content.clone();
         part.insert("name".to_owned(), Value::from(self.label.clone()));
         Value::Object(part)

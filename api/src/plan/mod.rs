@@ -3,8 +3,9 @@
 //! Read in this order: [`source`] finds and checks a plan, [`custom_field`] is a user's own field, [`factor`]
 //! turns the plan's levels into changes and picks those asked for, [`merge`] and [`path`] are the two kinds of
 //! change, [`resolve`] makes one scenario, [`expand`] multiplies the factors out, [`error`] is what a user can
-//! get wrong.
+//! get wrong, `catalogue` lists the plans there are.
 
+mod catalogue;
 mod custom_field;
 mod error;
 mod expand;
@@ -19,9 +20,10 @@ use std::collections::BTreeMap;
 
 use furrow_schema::sweep::NewCell;
 use furrow_sim::plan::Plan;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+pub use catalogue::{FactorSummary, PlanSummary, catalogue};
 pub use custom_field::CustomField;
 pub use error::PlanError;
 pub use expand::{MAX_JOBS, MAX_SCENARIOS, expand};
@@ -78,7 +80,7 @@ impl Expansion {
 }
 
 /// A path that some of the selected scenarios do not have.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct NotApplied {
     /// The dotted path.
     pub path: String,

@@ -1,0 +1,163 @@
+//! The command `furrow`: a file per subcommand, and [`error`] for how each can end.
+
+mod client;
+pub mod error;
+mod job;
+mod output;
+mod plans;
+mod progress;
+mod run;
+mod selection;
+mod serve;
+mod status;
+mod stop;
+mod submit;
+mod table;
+mod work;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+use std::sync::LazyLock;
+
+use clap::{Parser, Subcommand};
+use tracing_subscriber::EnvFilter;
+
+use error::CliError;
+
+/// Runs closed-loop experiments of LiDAR crop-row navigation, on this machine or on many.
+#[derive(Debug, Parser)]
+#[command(name = "furrow", version = VERSION.as_str(), arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+static VERSION: LazyLock<String> =
+    LazyLock::new(|| format!("{} (engine {})", env!("CARGO_PKG_VERSION"), crate::engine()));
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Run(run::RunArgs),
+    Serve(serve::ServeArgs),
+    Work(work::WorkArgs),
+    Plans(plans::PlansArgs),
+    Submit(submit::SubmitArgs),
+    Status(status::StatusArgs),
+    Table(table::TableArgs),
+    Job(job::JobArgs),
+}
+
+impl Command {
+    /// What is logged unless `FURROW_LOG` says otherwise: services tell what they do, the rest only what is wrong.
+    fn default_log(&self) -> &'static str {
+        match self {
+            Self::Serve(_) | Self::Work(_) => "info,zenoh=warn",
+            _ => "warn",
+        }
+    }
+
+    async fn execute(self) -> Result<(), CliError> {
+        match self {
+            Self::Run(args) => run::run(args).await,
+            Self::Serve(args) => serve::run(args).await,
+            Self::Work(args) => work::run(args).await,
+            Self::Plans(args) => plans::run(&args),
+            Self::Submit(args) => submit::run(args).await,
+            Self::Status(args) => status::run(args).await,
+            Self::Table(args) => table::run(args).await,
+            Self::Job(args) => job::run(args).await,
+        }
+    }
+}
+
+/// Runs at a time, at most.
+const MAX_THREADS: u64 = 4_096;
+
+/// Reads a number of threads from 1 on.
+fn threads() -> clap::builder::RangedU64ValueParser<u64> {
+    clap::value_parser!(u64).range(1..=MAX_THREADS)
+}
+
+/// Runs the command line `args` (the program's name first) to its end.
+///
+/// 0: done; 1: a job failed, or the command could not finish; 2: bad input.
+pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    match Cli::try_parse_from(args) {
+        Ok(cli) => conclude(execute(cli.command)),
+        Err(error) => {
+            // Nobody is left to tell if this cannot be printed.
+            let _ = error.print();
+            ExitCode::from(if error.use_stderr() { 2 } else { 0 })
+        }
+    }
+}
+
+fn execute(command: Command) -> Result<(), CliError> {
+    let filter = EnvFilter::try_from_env("FURROW_LOG").unwrap_or_else(|_| EnvFilter::new(command.default_log()));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let runtime = tokio::runtime::Runtime::new().map_err(CliError::failed("cannot start"))?;
+    let ended = runtime.block_on(command.execute());
+    // Blocking work that nobody waits for any more must not hold the process.
+    runtime.shutdown_background();
+    ended
+}
+
+fn conclude(ended: Result<(), CliError>) -> ExitCode {
+    let Err(error) = ended else { return ExitCode::SUCCESS };
+    if !matches!(error, CliError::OutputClosed) {
+        output::note(&format!("furrow: {error}"));
+    }
+    ExitCode::from(error.exit_code())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    fn parse(line: &str) -> Result<Command, clap::Error> {
+        Cli::try_parse_from(line.split_whitespace()).map(|cli| cli.command)
+    }
+
+    #[test]
+    fn the_command_line_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_documented_command_line_is_read() {
+        for line in [
+            "furrow run guyonneau2022/algorithm-5 --seeds 3 --only algorithm=rgop|rg --only field=crop-2 --set a.b=1",
+            "furrow run my.json --vary a.b=1,2 --field f.json --db x.db --threads 2 --timing --record --json",
+            "furrow serve --db x.db --http 127.0.0.1:0 --zenoh tcp/127.0.0.1:0 --threads 0 --max-attempts 3",
+            "furrow work --connect tcp/127.0.0.1:7447 --threads 4 --name barn",
+            "furrow work",
+            "furrow plans guyonneau2022/bounds --json",
+            "furrow submit guyonneau2022/bounds --url http://127.0.0.1:1 --name night --priority -3 --json",
+            "furrow status",
+            "furrow status 3 --url http://127.0.0.1:1 --json",
+            "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
+            "furrow job 12 --svg out.svg --json",
+        ] {
+            parse(line).unwrap_or_else(|error| panic!("{line}: {error}"));
+        }
+    }
+
+    #[test]
+    fn a_wrong_command_line_is_bad_input() {
+        for line in ["furrow", "furrow run", "furrow run p --seeds x", "furrow serve", "furrow grow", "furrow table"] {
+            let error = parse(line).expect_err(line);
+            assert!(error.use_stderr(), "{line}");
+            let args = line.split_whitespace().map(OsString::from);
+            assert_eq!(format!("{:?}", main(args)), format!("{:?}", ExitCode::from(2)), "{line}");
+        }
+    }
+
+    #[test]
+    fn the_version_names_the_engine() {
+        let shown = parse("furrow --version").unwrap_err();
+        assert!(!shown.use_stderr());
+        assert!(shown.to_string().contains(&crate::engine().to_string()));
+    }
+}

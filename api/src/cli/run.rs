@@ -1,0 +1,164 @@
+//! `furrow run`: a plan from the first job to the tables, in one process.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use furrow_coordinator::{Config, Coordinator, Store};
+use furrow_schema::id::SweepId;
+use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
+use serde_json::json;
+use tokio_util::sync::CancellationToken;
+
+use super::error::CliError;
+use super::progress::{Progress, span};
+use super::selection::Selection;
+use super::serve::open;
+use super::submit::warn;
+use super::{output, stop, threads};
+use crate::http::sweeps::new_sweep;
+use crate::http::tables::sweep_data;
+use crate::in_process::Farm;
+use crate::plan::expand;
+use crate::publication;
+use crate::table::{Format, Query, SweepData, tabulate};
+
+/// Progress is looked at no more often than this.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// Run a plan to its end on this machine and print its tables beside the published values
+#[derive(Debug, clap::Args)]
+pub(super) struct RunArgs {
+    #[command(flatten)]
+    selection: Selection,
+    /// Keep the results in this database, and use those that are there; otherwise a temporary one is used
+    #[arg(long, value_name = "FILE")]
+    db: Option<PathBuf>,
+    /// Runs at a time; all cores if not given
+    #[arg(long, value_name = "N", value_parser = threads())]
+    threads: Option<u64>,
+    /// Run everything anew and one at a time, to measure times
+    #[arg(long, conflicts_with = "threads")]
+    timing: bool,
+    /// Store the trajectories
+    #[arg(long)]
+    record: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// How a run ended.
+struct Finished {
+    sweep: Sweep,
+    cached: u64,
+    data: SweepData,
+    wall_s: f64,
+}
+
+/// # Errors
+/// Bad input; or a job failed, or the user stopped it.
+pub(super) async fn run(args: RunArgs) -> Result<(), CliError> {
+    let started = Instant::now();
+    let request = args.selection.request()?;
+    let expanding = tokio::task::spawn_blocking(move || expand(&request));
+    let expansion = expanding.await.map_err(CliError::failed("cannot expand the plan"))??;
+    warn(&expansion.not_applied);
+    let sweep = NewSweep { record: args.record, timing: args.timing, ..new_sweep(expansion, None) };
+
+    let stop = stop::on_signals()?;
+    let (store, _directory) = database(args.db.as_deref()).await?;
+    let mut farm = Farm::start(store, Config::new(sweep.engine), thread_count(&args));
+    let ended = finish(&mut farm, sweep, &stop, started).await;
+    farm.stop().await;
+    let finished = ended?;
+    if args.json {
+        print_json(&finished)?
+    } else {
+        print_tables(&finished)?
+    }
+    match finished.sweep.failed {
+        0 => Ok(()),
+        failed => Err(CliError::JobsFailed(failed)),
+    }
+}
+
+/// The user's database, or one in a new directory that goes when its guard does.
+async fn database(file: Option<&Path>) -> Result<(Store, Option<tempfile::TempDir>), CliError> {
+    if let Some(file) = file {
+        return Ok((open(file).await?, None));
+    }
+    let directory = tempfile::tempdir().map_err(CliError::failed("cannot make a temporary directory"))?;
+    Ok((open(&directory.path().join("furrow.db")).await?, Some(directory)))
+}
+
+fn thread_count(args: &RunArgs) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    if args.timing { 1 } else { args.threads.map_or_else(cores, |threads| threads as usize) }
+}
+
+async fn finish(
+    farm: &mut Farm,
+    sweep: NewSweep,
+    stop: &CancellationToken,
+    started: Instant,
+) -> Result<Finished, CliError> {
+    let coordinator = farm.coordinator().clone();
+    let priority = before_others(&coordinator).await?;
+    let name = sweep.name.clone();
+    let Submitted { id, total, cached, .. } = coordinator.submit(NewSweep { priority, ..sweep }).await?;
+    let mut progress = Progress::start(&name, total, cached);
+    let ended = tokio::select! {
+        ended = watch(&coordinator, id, &mut progress) => ended,
+        end = farm.worker_ended() => Err(CliError::Failed(end.to_string())),
+        () = stop.cancelled() => Err(CliError::Stopped),
+    };
+    progress.finish();
+    let sweep = ended?;
+    let data = sweep_data(&coordinator, &sweep, &Query::default()).await?;
+    Ok(Finished { sweep, cached, data, wall_s: started.elapsed().as_secs_f64() })
+}
+
+/// A priority above all sweeps that an earlier command left unfinished in the same database.
+async fn before_others(coordinator: &Coordinator) -> Result<i64, CliError> {
+    let sweeps = coordinator.sweeps(None, 1_000).await?;
+    let active = sweeps.iter().filter(|sweep| sweep.state == SweepState::Active);
+    Ok(active.map(|sweep| sweep.priority.saturating_add(1)).max().unwrap_or(0))
+}
+
+/// Shows progress until every job has ended.
+async fn watch(coordinator: &Coordinator, id: SweepId, progress: &mut Progress) -> Result<Sweep, CliError> {
+    let mut changed = coordinator.changed();
+    let mut pause = tokio::time::interval(LOOK_EVERY);
+    pause.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    loop {
+        changed.borrow_and_update();
+        let lost = || CliError::Failed(format!("sweep {id} is gone"));
+        let sweep = coordinator.sweep(id).await?.ok_or_else(lost)?;
+        progress.show(&sweep);
+        if sweep.queued + sweep.leased == 0 {
+            return Ok(sweep);
+        }
+        pause.tick().await;
+        changed.changed().await.map_err(CliError::failed("the coordinator is gone"))?;
+    }
+}
+
+fn print_json(finished: &Finished) -> Result<(), CliError> {
+    let Finished { sweep, cached, data, wall_s } = finished;
+    let table = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
+    output::json(&json!({
+        "plan": sweep.plan, "sweep": sweep.id, "engine": sweep.engine, "runs": sweep.done, "cached": cached,
+        "failed": sweep.failed, "wall_s": wall_s, "cells": table.cells_json(),
+    }))
+}
+
+fn print_tables(finished: &Finished) -> Result<(), CliError> {
+    let Finished { sweep, cached, data, wall_s } = finished;
+    let table = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
+    output::line(&table.write(Format::Text))?;
+    for table in publication::compare(&sweep.plan, data) {
+        output::line(&format!("\n{}", table.text()))?;
+    }
+    let (runs, failed) = (sweep.done, sweep.failed);
+    output::line(&format!("\n{runs} runs, {cached} of them cached, {failed} failed, in {}", span(*wall_s)))
+}

@@ -1,0 +1,121 @@
+//! `furrow serve`: the coordinator, for workers and users.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use furrow_coordinator::{Config, Store, zenoh_service};
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+use super::error::CliError;
+use super::{output, stop};
+use crate::http::{self, App};
+use crate::in_process::Farm;
+
+/// Requests under way have this long after a signal.
+const FINISH_WITHIN: Duration = Duration::from_secs(5);
+
+/// Take sweeps in over HTTP, hand their jobs to workers, keep the results
+#[derive(Debug, clap::Args)]
+pub(super) struct ServeArgs {
+    /// The database; made if it is not there
+    #[arg(long, value_name = "FILE")]
+    db: PathBuf,
+    /// Where users connect: an address of this machine; port 0 takes a free one
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
+    http: SocketAddr,
+    /// Where workers connect; port 0 takes a free one, which workers on this machine find by themselves
+    #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:0")]
+    zenoh: String,
+    /// Runs at a time in this process; 0 leaves them to `furrow work`
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=super::MAX_THREADS))]
+    threads: u64,
+    /// Give a job up after this many workers died while it ran there
+    #[arg(long, value_name = "N", default_value_t = Config::DEFAULT_MAX_ATTEMPTS, value_parser = clap::value_parser!(u32).range(1..))]
+    max_attempts: u32,
+}
+
+/// # Errors
+/// Bad input: an address that is taken or not of this machine, a database that cannot be used.
+pub(super) async fn run(args: ServeArgs) -> Result<(), CliError> {
+    let listener = listen(args.http).await?;
+    let stop = stop::on_signals()?;
+    let config = Config { max_attempts: args.max_attempts, ..Config::new(crate::engine()) };
+    let farm = Farm::start(open(&args.db).await?, config, args.threads as usize);
+    serve(listener, &args.zenoh, farm, stop).await
+}
+
+async fn serve(listener: TcpListener, endpoint: &str, mut farm: Farm, stop: CancellationToken) -> Result<(), CliError> {
+    let config = zenoh_service::ServiceConfig::on(endpoint);
+    let service = match zenoh_service::serve(farm.coordinator().clone(), config).await {
+        Ok(service) => service,
+        Err(error) => {
+            farm.stop().await;
+            return Err(CliError::BadInput(format!("--zenoh {endpoint}: {error}")));
+        }
+    };
+    let address = listener.local_addr().map_err(CliError::failed("cannot tell the address"))?;
+    // A service outlives whoever read its first lines.
+    let _ = announce(&address, service.endpoints());
+    let app = App::new(farm.coordinator().clone());
+    let ended = tokio::select! {
+        ended = http::serve(listener, app, stop.clone()) => ended.map_err(CliError::failed("HTTP failed")),
+        end = farm.worker_ended() => Err(CliError::Failed(end.to_string())),
+        () = overdue(&stop) => Ok(()),
+    };
+    service.close().await;
+    farm.stop().await;
+    ended
+}
+
+/// Requests under way had their time after `stop`.
+async fn overdue(stop: &CancellationToken) {
+    stop.cancelled().await;
+    tokio::time::sleep(FINISH_WITHIN).await;
+}
+
+fn announce(http: &SocketAddr, workers: &[String]) -> Result<(), CliError> {
+    output::line(&format!("listening on http://{http}"))?;
+    workers.iter().try_for_each(|endpoint| output::line(&format!("workers connect to {endpoint}")))
+}
+
+async fn listen(address: SocketAddr) -> Result<TcpListener, CliError> {
+    let refuse = |reason: String| CliError::BadInput(format!("--http {address}: {reason}"));
+    if !address.ip().is_loopback() {
+        let reason = "serves only this machine for now (127.0.0.1 or [::1]): anyone who reaches it may use it";
+        return Err(refuse(reason.to_owned()));
+    }
+    TcpListener::bind(address).await.map_err(|error| refuse(error.to_string()))
+}
+
+/// Opens the database in `file`, creating it if it is not there.
+///
+/// # Errors
+/// Bad input: it cannot be opened or created, or is not one that this program knows.
+pub(super) async fn open(file: &Path) -> Result<Store, CliError> {
+    Ok(Store::open(file).await?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn only_this_machine_is_served() {
+        for address in ["0.0.0.0:0", "192.0.2.1:8080", "[::]:0"] {
+            let error = listen(address.parse().unwrap()).await.unwrap_err();
+            assert_eq!(error.exit_code(), 2);
+            assert!(error.to_string().contains("only this machine"), "{error}");
+        }
+        assert!(listen("127.0.0.1:0".parse().unwrap()).await.is_ok());
+    }
+
+    #[tokio::test]
+    async fn a_taken_port_is_bad_input() {
+        let taken = listen("127.0.0.1:0".parse().unwrap()).await.unwrap();
+        let error = listen(taken.local_addr().unwrap()).await.unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        assert!(error.to_string().contains("in use"), "{error}");
+    }
+}

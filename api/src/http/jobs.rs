@@ -1,0 +1,279 @@
+//! `/v1/jobs`: single runs, as a list and in full.
+
+use std::collections::BTreeMap;
+
+use axum::Json;
+use axum::extract::{Path, State};
+use furrow_coordinator::view::{Attempt, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem, JobRef};
+use furrow_schema::id::{CellId, Digest, JobId, JobKey, SweepId, WorkerId};
+use furrow_schema::job::{JobState, Timings};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::App;
+use super::extract::Params;
+use super::problem::Problem;
+
+/// Some jobs of a list.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Jobs {
+    /// The jobs, by cell and number; one that several cells want stands once for each.
+    pub items: Vec<JobLine>,
+    /// What to give as `after` for the next page; null at the end.
+    pub next: Option<String>,
+}
+
+/// A job as a line of a list.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct JobLine {
+    /// Its number.
+    pub id: JobId,
+    /// Its key: the same key is not run twice.
+    #[schema(value_type = String)]
+    pub key: JobKey,
+    /// Where it stands.
+    pub state: JobState,
+    /// The sweep of the cell in which it is listed.
+    pub sweep: SweepId,
+    /// That cell's label by factor.
+    pub factors: BTreeMap<String, String>,
+    /// Its seed.
+    pub seed: u64,
+    /// How often it was handed out.
+    pub attempts: u32,
+    /// Who holds it, or whose result is on record.
+    pub worker: Option<WorkerId>,
+    /// How its run ended, when it has.
+    pub outcome: Option<String>,
+    /// The digest of its result, when it has one.
+    #[schema(value_type = Option<String>)]
+    pub digest: Option<Digest>,
+}
+
+/// A job in full.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Job {
+    /// Its number.
+    pub id: JobId,
+    /// Its key: the same key is not run twice.
+    #[schema(value_type = String)]
+    pub key: JobKey,
+    /// Where it stands.
+    pub state: JobState,
+    /// Its seed.
+    pub seed: u64,
+    /// The highest priority among the sweeps that want it.
+    pub priority: i64,
+    /// The cells that want it, oldest first.
+    pub cells: Vec<CellOfJob>,
+    /// Every handing-out, oldest first.
+    pub attempts: Vec<AttemptOfJob>,
+    /// How its run ended, when it has.
+    pub outcome: Option<String>,
+    /// The digest of its result, when it has one.
+    #[schema(value_type = Option<String>)]
+    pub digest: Option<Digest>,
+    /// Per-run values by metric name; empty without a result.
+    pub metrics: BTreeMap<String, f64>,
+    /// Wall-clock figures of the run; null without a result.
+    pub timings: Option<Timings>,
+    /// Whether its trajectory is stored.
+    pub recorded: bool,
+    /// Further results that differ from the one on record.
+    pub incidents: Vec<IncidentOfJob>,
+    /// When it was first asked for [ms since 1970].
+    pub created_ms: i64,
+    /// When it ended [ms since 1970].
+    pub ended_ms: Option<i64>,
+    /// What was run, with all defaults filled in.
+    #[schema(value_type = Object)]
+    pub scenario: Value,
+}
+
+/// A cell that wants a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct CellOfJob {
+    /// Its sweep.
+    pub sweep: SweepId,
+    /// Its number.
+    pub cell: CellId,
+    /// Its label by factor.
+    pub factors: BTreeMap<String, String>,
+}
+
+/// One handing-out of a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct AttemptOfJob {
+    /// Which, from 1.
+    pub attempt: u32,
+    /// To whom.
+    pub worker: WorkerId,
+    /// When [ms since 1970].
+    pub claimed_ms: i64,
+    /// Until when [ms since 1970]; null while it lasts.
+    pub ended_ms: Option<i64>,
+    /// `open`, `done`, `panicked`, `died`, `expired`, `handed-back` or `superseded`.
+    pub end: String,
+    /// The panic's message, or what else there is to say.
+    pub reason: Option<String>,
+}
+
+/// A second result that differs from the one on record.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct IncidentOfJob {
+    /// Whose result is on record.
+    pub recorded_worker: WorkerId,
+    /// Who sent the other.
+    pub other_worker: WorkerId,
+    /// The other's digest.
+    #[schema(value_type = String)]
+    pub other_digest: Digest,
+    /// The other's outcome.
+    pub other_outcome: String,
+    /// When it came [ms since 1970].
+    pub noted_ms: i64,
+}
+
+pub(super) fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(list_jobs)).routes(routes!(get_job))
+}
+
+/// Jobs by sweep, state and labels, page by page.
+#[utoipa::path(get, path = "/v1/jobs", tag = "jobs",
+    params(
+        ("sweep" = Option<SweepId>, Query, description = "only jobs of this sweep"),
+        ("state" = Option<JobState>, Query, description = "only jobs in this state"),
+        ("factor.{name}" = Option<String>, Query, description = "only jobs with this label, such as `factor.algorithm=rgop`"),
+        ("limit" = Option<u32>, Query, description = "jobs a page, 1 to 10000; 100 if not given"),
+        ("after" = Option<String>, Query, description = "`next` of the page before"),
+    ),
+    responses((status = 200, body = Jobs), (status = "default", body = Problem, content_type = "application/problem+json")))]
+async fn list_jobs(State(app): State<App>, mut params: Params) -> Result<Json<Jobs>, Problem> {
+    let filter = JobFilter {
+        sweep: params.parsed("sweep")?,
+        state: state(&mut params)?,
+        factors: params.prefixed("factor.", "factor.NAME").into_iter().collect(),
+        limit: params.limit(JobFilter::DEFAULT_LIMIT, JobFilter::MAX_LIMIT)?,
+        after: params.parsed::<JobCursor>("after")?,
+    };
+    params.finish()?;
+    if let Some(sweep) = filter.sweep {
+        known_factors(&app, sweep, &filter.factors).await?;
+    }
+    let page = app.coordinator().jobs(&filter).await?;
+    let next = page.next.map(|cursor| cursor.to_string());
+    Ok(Json(Jobs { items: page.items.into_iter().map(JobLine::from).collect(), next }))
+}
+
+fn state(params: &mut Params) -> Result<Option<JobState>, Problem> {
+    let Some(word) = params.text("state")? else { return Ok(None) };
+    let words = JobState::ALL.map(JobState::as_str);
+    let unknown = || Problem::bad_request(format!("`state={word}` is none of {}", words.join(", ")));
+    JobState::from_word(&word).map(Some).ok_or_else(|| unknown().at("state").allowing(words))
+}
+
+async fn known_factors(app: &App, sweep: SweepId, factors: &BTreeMap<String, String>) -> Result<(), Problem> {
+    let sweep = app.sweep(sweep).await?;
+    let Some(unknown) = factors.keys().find(|name| !sweep.factors.contains(name)) else { return Ok(()) };
+    let detail = format!("sweep {} has no factor `{unknown}`", sweep.id);
+    Err(Problem::bad_request(detail).at(format!("factor.{unknown}")).allowing(sweep.factors))
+}
+
+/// One job with its scenario, attempts, metrics and timings.
+#[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs",
+    params(("job" = String, Path, description = "number or key")),
+    responses((status = 200, body = Job), (status = "default", body = Problem, content_type = "application/problem+json")))]
+async fn get_job(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Json<Job>, Problem> {
+    params.finish()?;
+    Job::try_from(app.job(&name).await?).map(Json)
+}
+
+impl App {
+    /// The job of that number or key.
+    pub(super) async fn job(&self, name: &str) -> Result<JobDetail, Problem> {
+        let no_job = || Problem::not_found("job", name.chars().take(80).collect::<String>());
+        let job: JobRef = name.parse().map_err(|_| no_job())?;
+        self.coordinator().job(job).await?.ok_or_else(no_job)
+    }
+}
+
+impl From<JobItem> for JobLine {
+    fn from(job: JobItem) -> Self {
+        Self {
+            id: job.id,
+            key: job.key,
+            state: job.state,
+            sweep: job.sweep,
+            factors: job.factors,
+            seed: job.seed,
+            attempts: job.attempts,
+            worker: job.worker,
+            outcome: job.outcome,
+            digest: job.digest,
+        }
+    }
+}
+
+impl TryFrom<JobDetail> for Job {
+    type Error = Problem;
+
+    fn try_from(job: JobDetail) -> Result<Self, Problem> {
+        let scenario = serde_json::from_str(&job.scenario_json).map_err(|error| Problem::internal(&error))?;
+        let (mut outcome, mut digest, mut metrics, mut timings, mut recorded) = Default::default();
+        if let Some(result) = job.result {
+            (outcome, digest) = (Some(result.outcome), Some(result.digest));
+            (metrics, timings, recorded) = (result.metrics, Some(result.timings), result.trajectory.is_some());
+        }
+        Ok(Self {
+            id: job.id,
+            key: job.key,
+            state: job.state,
+            seed: job.seed,
+            priority: job.priority,
+            cells: job.cells.into_iter().map(CellOfJob::from).collect(),
+            attempts: job.attempts.into_iter().map(AttemptOfJob::from).collect(),
+            outcome,
+            digest,
+            metrics,
+            timings,
+            recorded,
+            incidents: job.incidents.into_iter().map(IncidentOfJob::from).collect(),
+            created_ms: job.created_ms,
+            ended_ms: job.ended_ms,
+            scenario,
+        })
+    }
+}
+
+impl From<JobCell> for CellOfJob {
+    fn from(cell: JobCell) -> Self {
+        Self { sweep: cell.sweep, cell: cell.cell, factors: cell.factors }
+    }
+}
+
+impl From<Attempt> for AttemptOfJob {
+    fn from(attempt: Attempt) -> Self {
+        Self {
+            attempt: attempt.attempt,
+            worker: attempt.worker,
+            claimed_ms: attempt.claimed_ms,
+            ended_ms: attempt.ended_ms,
+            end: attempt.end.as_str().to_owned(),
+            reason: attempt.reason,
+        }
+    }
+}
+
+impl From<Incident> for IncidentOfJob {
+    fn from(incident: Incident) -> Self {
+        Self {
+            recorded_worker: incident.recorded_worker,
+            other_worker: incident.other_worker,
+            other_digest: incident.other_digest,
+            other_outcome: incident.other_outcome,
+            noted_ms: incident.noted_ms,
+        }
+    }
+}

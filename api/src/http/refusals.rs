@@ -1,0 +1,38 @@
+//! Errors of the layers below as problems.
+
+use axum::http::StatusCode;
+use furrow_coordinator::StoreError;
+
+use super::problem::Problem;
+use crate::plan::PlanError;
+use crate::table::TableError;
+
+impl From<PlanError> for Problem {
+    fn from(error: PlanError) -> Self {
+        Self::unprocessable(error.to_string()).at(error.key()).allowing(error.allowed().iter().cloned())
+    }
+}
+
+impl From<TableError> for Problem {
+    fn from(error: TableError) -> Self {
+        Self::bad_request(error.to_string()).at(error.key).allowing(error.known)
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::Invalid(reason) => Self::unprocessable(reason),
+            StoreError::Conflict { .. } => Self::new(StatusCode::CONFLICT, error.to_string()).at("Idempotency-Key"),
+            StoreError::OtherEngine { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
+            StoreError::NotWritten(_) | StoreError::Database(_) | StoreError::Closed => {
+                tracing::error!(%error, "a request failed");
+                Self::unavailable("the server cannot do this at the moment; nothing was changed")
+            }
+            StoreError::Open { .. }
+            | StoreError::NotOurs { .. }
+            | StoreError::Newer { .. }
+            | StoreError::Damaged(_) => Self::internal(&error),
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! `/v1/sweeps/{sweep}/table`: a sweep's results as a table.
+
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse, Response};
+use furrow_coordinator::{Coordinator, StoreError};
+use furrow_schema::id::SweepId;
+use furrow_schema::sweep::Sweep;
+use furrow_schema::table::Cell;
+use serde::Serialize;
+use serde_json::json;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::App;
+use super::extract::Params;
+use super::negotiate::{Form, choose};
+use super::problem::Problem;
+use crate::table::{Format, Metric, Query, SweepData, tabulate};
+
+/// A table of a sweep, as JSON.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct TableOfSweep {
+    /// The sweep.
+    pub sweep: SweepId,
+    /// The factors that make up a cell.
+    pub factors: Vec<String>,
+    /// The metrics, with titles and units.
+    pub metrics: Vec<Metric>,
+    /// The cells, in the plan's order; of the statistics only those asked for, and always `n`.
+    pub cells: Vec<Cell>,
+}
+
+const fn form(format: Format, media_type: &'static str) -> Form<Format> {
+    Form { word: format.as_str(), media_type, form: format }
+}
+
+const FORMS: [Form<Format>; 5] = [
+    form(Format::Json, "application/json"),
+    form(Format::Csv, "text/csv"),
+    form(Format::Md, "text/markdown"),
+    form(Format::Latex, "application/x-latex"),
+    form(Format::Text, "text/plain"),
+];
+
+pub(super) fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(get_table))
+}
+
+/// Statistics of a sweep's results so far, by cell.
+#[utoipa::path(get, path = "/v1/sweeps/{sweep}/table", tag = "sweeps",
+    params(
+        ("sweep" = i64, Path, description = "its number"),
+        ("group_by" = Option<String>, Query, description = "factors to keep, with commas; all if not given"),
+        ("metric" = Option<String>, Query, description = "metrics, with commas; all if not given"),
+        ("columns" = Option<String>, Query, description = "a factor whose labels become columns (not in JSON)"),
+        ("statistic" = Option<String>, Query, description = "mean, std, median, min, max, ci95, n, with commas"),
+        ("format" = Option<String>, Query, description = "json, csv, md, latex or text; wins over the header Accept"),
+    ),
+    responses(
+        (status = 200, content((TableOfSweep = "application/json"), (String = "text/csv"), (String = "text/markdown"),
+            (String = "application/x-latex"), (String = "text/plain"))),
+        (status = "default", body = Problem, content_type = "application/problem+json")))]
+async fn get_table(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    headers: HeaderMap,
+    mut params: Params,
+) -> Result<Response, Problem> {
+    let query = query(&mut params)?;
+    let form = choose(&FORMS, params.text("format")?.as_deref(), &headers)?;
+    params.finish()?;
+    let sweep = app.sweep_named(&name).await?;
+    let data = sweep_data(app.coordinator(), &sweep, &query).await?;
+    // Medians of a million values take a while: not on a thread that serves others.
+    let writing = tokio::task::spawn_blocking(move || write(&sweep, &data, &query, form.form));
+    let text = writing.await.map_err(|error| Problem::internal(&error))??;
+    Ok(([(CONTENT_TYPE, form.content_type())], text).into_response())
+}
+
+fn query(params: &mut Params) -> Result<Query, Problem> {
+    let (group_by, metric) = (params.text("group_by")?, params.text("metric")?);
+    let (columns, statistic) = (params.text("columns")?, params.text("statistic")?);
+    Ok(Query::from_words(group_by.as_deref(), metric.as_deref(), columns.as_deref(), statistic.as_deref())?)
+}
+
+fn write(sweep: &Sweep, data: &SweepData, query: &Query, format: Format) -> Result<String, Problem> {
+    let table = tabulate(data, query)?;
+    if format != Format::Json {
+        return Ok(table.write(format));
+    }
+    let mut body = table.to_json();
+    body["sweep"] = json!(sweep.id);
+    Ok(body.to_string())
+}
+
+/// What a table of `sweep` after `query` needs: the cells, and single values only for medians and times.
+pub(crate) async fn sweep_data(
+    coordinator: &Coordinator,
+    sweep: &Sweep,
+    query: &Query,
+) -> Result<SweepData, StoreError> {
+    let cells = coordinator.cells(sweep.id).await?;
+    let values = if query.needs_values() { coordinator.values(sweep.id, None).await? } else { Vec::new() };
+    Ok(SweepData::new(sweep.factors.clone(), cells, values))
+}

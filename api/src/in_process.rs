@@ -1,0 +1,95 @@
+//! Coordinator and worker in one process: the same questions and answers, without a network.
+
+use std::sync::Arc;
+
+use async_trait::async_trait;
+use furrow_coordinator::{Coordinator, Store};
+use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Renew, Renewed, Reply, Report, Welcome};
+use furrow_worker::{Config, Link, LinkError, Summary, Worker, WorkerError};
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+/// A worker's link to a coordinator in the same process.
+#[derive(Debug, Clone)]
+pub struct InProcess(pub Coordinator);
+
+#[async_trait]
+impl Link for InProcess {
+    async fn hello(&self, call: Call<Hello>) -> Result<Reply<Welcome>, LinkError> {
+        Ok(self.0.hello(call).await)
+    }
+
+    async fn claim(&self, call: Call<Claim>) -> Result<Reply<Leases>, LinkError> {
+        Ok(self.0.claim(call).await)
+    }
+
+    async fn result(&self, call: Call<Report>) -> Result<Reply<Recorded>, LinkError> {
+        Ok(self.0.result(call).await)
+    }
+
+    async fn renew(&self, call: Call<Renew>) -> Result<Reply<Renewed>, LinkError> {
+        Ok(self.0.renew(call).await)
+    }
+}
+
+/// A coordinator with its own worker.
+pub struct Farm {
+    coordinator: Coordinator,
+    stop: CancellationToken,
+    worker: Option<JoinHandle<Result<Summary, WorkerError>>>,
+}
+
+impl Farm {
+    /// Starts a coordinator on `store`, and beside it a worker with `threads` threads, or none for 0.
+    ///
+    /// # Panics
+    /// Outside a tokio runtime.
+    #[must_use]
+    pub fn start(store: Store, config: furrow_coordinator::Config, threads: usize) -> Self {
+        let engine = config.engine;
+        let coordinator = Coordinator::start(store, config);
+        let stop = CancellationToken::new();
+        let worker = (threads > 0).then(|| {
+            let config = Config { threads, engine, ..Config::of_this_host() };
+            let worker = Worker::new(Arc::new(InProcess(coordinator.clone())), config);
+            tokio::spawn(worker.run(stop.clone()))
+        });
+        Self { coordinator, stop, worker }
+    }
+
+    /// The coordinator.
+    #[must_use]
+    pub fn coordinator(&self) -> &Coordinator {
+        &self.coordinator
+    }
+
+    /// Waits until the worker ends by itself, which is a fault: for ever if there is none, or all is well.
+    pub async fn worker_ended(&mut self) -> WorkerEnd {
+        let Some(worker) = &mut self.worker else { return std::future::pending().await };
+        let ended = worker.await;
+        self.worker = None;
+        WorkerEnd(match ended {
+            Ok(Ok(_)) => "it was told to".to_owned(),
+            Ok(Err(error)) => error.to_string(),
+            Err(error) => error.to_string(),
+        })
+    }
+
+    /// Stops the worker, which hands back what it has not finished, then the coordinator.
+    pub async fn stop(self) {
+        self.stop.cancel();
+        if let Some(worker) = self.worker {
+            match worker.await {
+                Ok(Ok(_)) => {}
+                Ok(Err(error)) => tracing::warn!(%error, "the worker ended badly"),
+                Err(error) => tracing::error!(%error, "the worker ended badly"),
+            }
+        }
+        self.coordinator.shutdown().await;
+    }
+}
+
+/// The worker of this process ended by itself, for this reason. The caller gives up.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the worker of this process ended: {0}")]
+pub struct WorkerEnd(String);
