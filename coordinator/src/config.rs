@@ -1,0 +1,95 @@
+//! How a coordinator behaves, and where it takes the time from.
+
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use furrow_schema::id::EngineId;
+
+/// Settings of a coordinator.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// The simulation code whose sweeps it takes and whose workers it serves.
+    pub engine: EngineId,
+    /// After so many workers that died while a job ran there, the job is `failed`. At least 1.
+    pub max_attempts: u32,
+    /// Where the time comes from.
+    pub clock: Clock,
+}
+
+impl Config {
+    /// The workers that may die of a job where nothing else is asked.
+    pub const DEFAULT_MAX_ATTEMPTS: u32 = 3;
+
+    /// The usual settings for `engine`.
+    #[must_use]
+    pub fn new(engine: EngineId) -> Self {
+        Self { engine, max_attempts: Self::DEFAULT_MAX_ATTEMPTS, clock: Clock::system() }
+    }
+}
+
+/// Tells the time [ms since 1970].
+#[derive(Clone)]
+pub struct Clock(Arc<dyn Fn() -> i64 + Send + Sync>);
+
+impl Clock {
+    /// The machine's clock.
+    #[must_use]
+    pub fn system() -> Self {
+        Self::from_fn(|| {
+            let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+            i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+        })
+    }
+
+    /// A clock that shows what `now_ms` returns.
+    #[must_use]
+    pub fn from_fn(now_ms: impl Fn() -> i64 + Send + Sync + 'static) -> Self {
+        Self(Arc::new(now_ms))
+    }
+
+    /// A clock that stands at `start_ms` until the returned hand is moved.
+    #[must_use]
+    pub fn manual(start_ms: i64) -> (Self, ClockHand) {
+        let hand = ClockHand(Arc::new(AtomicI64::new(start_ms)));
+        let shown = hand.clone();
+        (Self::from_fn(move || shown.0.load(Ordering::SeqCst)), hand)
+    }
+
+    /// The time now [ms since 1970].
+    #[must_use]
+    pub fn now_ms(&self) -> i64 {
+        (self.0)()
+    }
+}
+
+impl fmt::Debug for Clock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Clock")
+    }
+}
+
+/// Moves a clock by hand: tests wait for nothing.
+#[derive(Debug, Clone)]
+pub struct ClockHand(Arc<AtomicI64>);
+
+impl ClockHand {
+    /// Moves the clock on by `by_ms` [ms].
+    pub fn advance(&self, by_ms: i64) {
+        self.0.fetch_add(by_ms, Ordering::SeqCst);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_moves_only_with_its_hand() {
+        let (clock, hand) = Clock::manual(1_000);
+        assert_eq!(clock.now_ms(), 1_000);
+        hand.advance(250);
+        assert_eq!(clock.now_ms(), 1_250);
+    }
+}

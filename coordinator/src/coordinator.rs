@@ -1,0 +1,232 @@
+//! What all others talk to: four questions of workers, the user's questions, and a bell for changes.
+
+use std::sync::Arc;
+
+use furrow_schema::id::{EngineId, SweepId};
+use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
+use furrow_schema::sweep::{NewSweep, Submitted, Sweep};
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio_util::sync::CancellationToken;
+
+use crate::config::Config;
+use crate::error::StoreError;
+use crate::rate::Rates;
+use crate::store::{Store, cell, incident, job, submit, sweep, values, worker};
+use crate::validate;
+use crate::view::{CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, WorkerInfo};
+use crate::writer::{self, Command};
+
+/// Questions wait in a queue of this length; whoever asks then waits for a place in it.
+const QUEUE_LENGTH: usize = 1_024;
+
+/// A running coordinator. Clones are handles on the same one.
+#[derive(Debug, Clone)]
+pub struct Coordinator {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    store: Store,
+    config: Config,
+    commands: mpsc::Sender<Command>,
+    rates: Arc<Rates>,
+    changed: watch::Receiver<u64>,
+    stop: CancellationToken,
+    stopped: CancellationToken,
+}
+
+impl Coordinator {
+    /// Starts the writer and the housekeeping on the current tokio runtime.
+    ///
+    /// # Panics
+    /// Outside a tokio runtime.
+    #[must_use]
+    pub fn start(store: Store, config: Config) -> Self {
+        let (commands, queue) = mpsc::channel(QUEUE_LENGTH);
+        let (bell, changed) = watch::channel(0);
+        let rates = Arc::new(Rates::starting_at(config.clock.now_ms()));
+        let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
+        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bell);
+        tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
+        tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone()));
+        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
+    }
+
+    /// The name under which workers find this coordinator; it stays with the database.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        self.shared.store.coordinator_id()
+    }
+
+    /// The simulation code whose sweeps it takes.
+    #[must_use]
+    pub fn engine(&self) -> EngineId {
+        self.shared.config.engine
+    }
+
+    /// A worker presents itself. Its first hello sets its credential.
+    pub async fn hello(&self, call: Call<Hello>) -> Reply<Welcome> {
+        if let Err(refusal) = validate::hello(&call.body).and_then(|()| self.same_engine(call.body.engine)) {
+            return Reply::Refused(refusal);
+        }
+        self.ask(|answer| Command::Hello(call, answer)).await
+    }
+
+    /// A worker asks for jobs. The same request again gets the same jobs, as far as they are still its own.
+    pub async fn claim(&self, call: Call<Claim>) -> Reply<Leases> {
+        if let Err(refusal) = validate::claim(&call.body).and_then(|()| self.same_engine(call.body.engine)) {
+            return Reply::Refused(refusal);
+        }
+        self.ask(|answer| Command::Claim(call, answer)).await
+    }
+
+    /// A worker says what became of jobs. Answered after the commit.
+    pub async fn result(&self, call: Call<Report>) -> Reply<Recorded> {
+        if let Err(refusal) = validate::report(&call.body).and_then(|()| self.same_engine(call.body.engine)) {
+            return Reply::Refused(refusal);
+        }
+        self.ask(|answer| Command::Result(call, answer)).await
+    }
+
+    /// A worker renews its leases and learns which it lost.
+    pub async fn renew(&self, call: Call<Renew>) -> Reply<Renewed> {
+        if let Err(refusal) = validate::renew(&call.body) {
+            return Reply::Refused(refusal);
+        }
+        self.ask(|answer| Command::Renew(call, answer)).await
+    }
+
+    /// Takes a sweep in, all of it or nothing: known jobs are shared, those with a result count at once.
+    ///
+    /// # Errors
+    /// [`StoreError::Invalid`], [`StoreError::OtherEngine`] and [`StoreError::Conflict`] refuse the sweep;
+    /// after the others it may be submitted again.
+    pub async fn submit(&self, sweep: NewSweep) -> Result<Submitted, StoreError> {
+        submit::check(&sweep, self.engine())?;
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Submit(Box::new(sweep), answer)).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
+    /// Sweeps older than `after`, newest first, at most `limit`; without `after` from the newest.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn sweeps(&self, after: Option<SweepId>, limit: u32) -> Result<Vec<Sweep>, StoreError> {
+        let mut sweeps = sweep::list(&self.shared.store, after, limit).await?;
+        sweeps.iter_mut().for_each(|sweep| self.add_rate(sweep));
+        Ok(sweeps)
+    }
+
+    /// Where a sweep stands; none if there is no such sweep.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn sweep(&self, id: SweepId) -> Result<Option<Sweep>, StoreError> {
+        let mut found = sweep::get(&self.shared.store, id).await?;
+        if let Some(sweep) = &mut found {
+            self.add_rate(sweep);
+        }
+        Ok(found)
+    }
+
+    /// A page of jobs, ordered by cell, then job.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn jobs(&self, filter: &JobFilter) -> Result<JobPage, StoreError> {
+        job::list(&self.shared.store, filter).await
+    }
+
+    /// A job in full; none if there is no such job.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn job(&self, job: JobRef) -> Result<Option<JobDetail>, StoreError> {
+        job::get(&self.shared.store, job).await
+    }
+
+    /// The cells of a sweep by position, with counts and exact moments; empty if there is no such sweep.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn cells(&self, sweep: SweepId) -> Result<Vec<CellSummary>, StoreError> {
+        cell::list(&self.shared.store, sweep).await
+    }
+
+    /// The values behind the cells of a sweep, by position; of all metrics, or of those named.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn values(&self, sweep: SweepId, metrics: Option<&[&str]>) -> Result<Vec<CellValues>, StoreError> {
+        values::by_cell(&self.shared.store, sweep, metrics).await
+    }
+
+    /// Every worker that said hello, the latest seen first.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
+        worker::list(&self.shared.store).await
+    }
+
+    /// Results that differ from the one on record, newest first, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn incidents(&self, limit: u32) -> Result<Vec<Incident>, StoreError> {
+        incident::list(&self.shared.store, limit).await
+    }
+
+    /// A number that grows with every commit that changed something a user can see: wait on it instead of polling.
+    #[must_use]
+    pub fn changed(&self) -> watch::Receiver<u64> {
+        self.shared.changed.clone()
+    }
+
+    /// Expires leases now; a task does so every second anyway.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`]: nothing was changed. [`StoreError::Closed`] after a shutdown.
+    pub async fn keep_house(&self) -> Result<(), StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::KeepHouse(answer)).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
+    /// Answers what is queued, then closes the database with all of it in one file. Later questions are refused.
+    pub async fn shutdown(&self) {
+        self.shared.stop.cancel();
+        self.shared.stopped.cancelled().await;
+    }
+
+    fn same_engine(&self, worker: EngineId) -> Result<(), Refusal> {
+        let coordinator = self.engine();
+        if worker == coordinator { Ok(()) } else { Err(Refusal::OtherEngine { coordinator, worker }) }
+    }
+
+    fn add_rate(&self, sweep: &mut Sweep) {
+        let now_ms = self.shared.config.clock.now_ms();
+        let left = sweep.queued + sweep.leased;
+        sweep.rate_per_s = self.shared.rates.per_s(sweep.id, sweep.created_ms, now_ms);
+        sweep.eta_s = match sweep.rate_per_s {
+            _ if left == 0 => Some(0.0),
+            Some(rate) if rate > 0.0 => Some(left as f64 / rate),
+            _ => None,
+        };
+    }
+
+    async fn ask<T>(&self, command: impl FnOnce(oneshot::Sender<Reply<T>>) -> Command) -> Reply<T> {
+        let (answer, answered) = oneshot::channel();
+        let closed = || Reply::Refused(Refusal::Unavailable { detail: StoreError::Closed.to_string() });
+        if self.send(command(answer)).await.is_err() {
+            return closed();
+        }
+        answered.await.unwrap_or_else(|_| closed())
+    }
+
+    async fn send(&self, command: Command) -> Result<(), StoreError> {
+        self.shared.commands.send(command).await.map_err(|_| StoreError::Closed)
+    }
+}

@@ -1,0 +1,188 @@
+//! The database: one file, one writer, many readers. The only SQL of the program that writes is below here.
+//!
+//! A file a concern: [`sweep`] and [`cell`] are what users ask for, [`submit`] takes a sweep in, [`job`] and
+//! [`values`] list what became of it; [`claim`], [`result`], [`renew`] and [`expiry`] move jobs along, by way of
+//! [`transition`] (what changes) and [`tally`] (what is counted); [`worker`], [`scenario`] and [`incident`] are a
+//! table each. Statements are constants with a sentence each; a test prepares all of them.
+//!
+//! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
+
+pub(crate) mod cell;
+pub(crate) mod claim;
+pub(crate) mod expiry;
+pub(crate) mod incident;
+pub(crate) mod job;
+pub(crate) mod job_detail;
+mod open;
+pub(crate) mod renew;
+pub(crate) mod result;
+pub(crate) mod scenario;
+pub(crate) mod submit;
+pub(crate) mod sweep;
+pub(crate) mod tally;
+pub(crate) mod transition;
+pub(crate) mod values;
+pub(crate) mod worker;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use furrow_schema::id::EngineId;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use sqlx::{SqliteConnection, SqlitePool};
+
+use crate::error::StoreError;
+
+/// An open database. Clones are handles on the same one.
+#[derive(Debug, Clone)]
+pub struct Store {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    /// One connection, the only one that writes.
+    writer: SqlitePool,
+    readers: SqlitePool,
+    coordinator_id: String,
+}
+
+impl Store {
+    /// Opens the database in `path`, creating and migrating it as needed.
+    ///
+    /// # Errors
+    /// [`StoreError::Open`], [`StoreError::NotOurs`] and [`StoreError::Newer`] name the file and the reason; a
+    /// file that is not this program's is left as it was.
+    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+        let (writer, readers) = open::file(path).await?;
+        Self::over(writer, readers).await
+    }
+
+    /// A database that lives as long as its handles: for tests and for runs that keep nothing.
+    ///
+    /// # Errors
+    /// [`StoreError::Open`] when there is no memory for it.
+    pub async fn in_memory() -> Result<Self, StoreError> {
+        let only = open::memory().await?;
+        Self::over(only.clone(), only).await
+    }
+
+    /// The coordinator's name on the network, drawn when the database was created: 32 hexadecimal digits.
+    #[must_use]
+    pub fn coordinator_id(&self) -> &str {
+        &self.inner.coordinator_id
+    }
+
+    pub(crate) fn writer(&self) -> &SqlitePool {
+        &self.inner.writer
+    }
+
+    pub(crate) fn readers(&self) -> &SqlitePool {
+        &self.inner.readers
+    }
+
+    /// Moves the log into the file and closes it.
+    pub(crate) async fn close(&self) {
+        self.inner.readers.close().await;
+        if let Err(error) = sqlx::query(CHECKPOINT).execute(&self.inner.writer).await
+            && !self.inner.writer.is_closed()
+        {
+            tracing::warn!(%error, "the database's log could not be moved into its file; the next start does it");
+        }
+        self.inner.writer.close().await;
+    }
+
+    async fn over(writer: SqlitePool, readers: SqlitePool) -> Result<Self, StoreError> {
+        let coordinator_id = sqlx::query_scalar(COORDINATOR_ID).fetch_one(&writer).await?;
+        Ok(Self { inner: Arc::new(Inner { writer, readers, coordinator_id }) })
+    }
+}
+
+/// The name that the first migration drew.
+const COORDINATOR_ID: &str = "select id from coordinator";
+
+/// Empties the write-ahead log.
+const CHECKPOINT: &str = "pragma wal_checkpoint(truncate)";
+
+/// Adds an engine unless it is known.
+const ADD_ENGINE: &str = "insert into engine (hash) values (?1) on conflict (hash) do nothing";
+
+/// The number of an engine.
+const ENGINE: &str = "select id from engine where hash = ?1";
+
+/// The number of `engine`, which is stored if it is new.
+pub(crate) async fn engine_id(conn: &mut SqliteConnection, engine: EngineId) -> Result<i64, StoreError> {
+    let find = || sqlx::query_scalar::<_, i64>(ENGINE).bind(engine.0.to_vec());
+    if let Some(id) = find().fetch_optional(&mut *conn).await? {
+        return Ok(id);
+    }
+    sqlx::query(ADD_ENGINE).bind(engine.0.to_vec()).execute(&mut *conn).await?;
+    Ok(find().fetch_one(conn).await?)
+}
+
+/// Rows as the JSON text that a statement's `json_each` takes apart.
+pub(crate) fn to_json(rows: &impl Serialize) -> String {
+    serde_json::to_string(rows).expect("rows of numbers and texts are JSON")
+}
+
+/// A stored JSON text as what it was.
+pub(crate) fn from_json<T: DeserializeOwned>(what: &str, text: &str) -> Result<T, StoreError> {
+    serde_json::from_str(text).map_err(|error| StoreError::Damaged(format!("{what}: {error}")))
+}
+
+/// A stored hash.
+pub(crate) fn hash(what: &str, bytes: &[u8]) -> Result<[u8; 32], StoreError> {
+    bytes.try_into().map_err(|_| StoreError::Damaged(format!("{what} has {} bytes", bytes.len())))
+}
+
+/// A stored number that is not negative.
+pub(crate) fn unsigned<T: TryFrom<i64>>(what: &str, number: i64) -> Result<T, StoreError> {
+    T::try_from(number).map_err(|_| StoreError::Damaged(format!("{what} is {number}")))
+}
+
+/// Bytes as hexadecimal digits, which SQL's `unhex` reads.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 16] = b"0123456789abcdef";
+    let digit = |nibble: u8| char::from(DIGITS[usize::from(nibble)]);
+    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sqlx::{Executor, SqlSafeStr};
+
+    #[tokio::test]
+    async fn every_statement_fits_the_schema() {
+        let store = Store::in_memory().await.unwrap();
+        let mut conn = store.writer().acquire().await.unwrap();
+        let own: &[&'static str] = &[COORDINATOR_ID, CHECKPOINT, ADD_ENGINE, ENGINE];
+        let all = [
+            own,
+            cell::STATEMENTS,
+            claim::STATEMENTS,
+            expiry::STATEMENTS,
+            incident::STATEMENTS,
+            job::STATEMENTS,
+            job_detail::STATEMENTS,
+            renew::STATEMENTS,
+            result::STATEMENTS,
+            scenario::STATEMENTS,
+            submit::STATEMENTS,
+            sweep::STATEMENTS,
+            tally::STATEMENTS,
+            transition::STATEMENTS,
+            values::STATEMENTS,
+            worker::STATEMENTS,
+        ];
+        for statement in all.into_iter().flatten() {
+            conn.prepare(statement.into_sql_str()).await.unwrap_or_else(|e| panic!("{e}: {statement}"));
+        }
+    }
+
+    #[test]
+    fn hexadecimal_digits_are_the_usual_ones() {
+        assert_eq!(hex(&[0, 15, 255]), "000fff");
+    }
+}

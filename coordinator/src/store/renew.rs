@@ -1,0 +1,49 @@
+//! Renewals: a worker says that it is still at its jobs, and which of them run.
+
+use std::collections::HashSet;
+
+use furrow_schema::protocol::{LEASE_MS, Renew, Renewed};
+use sqlx::SqliteConnection;
+
+use crate::error::StoreError;
+use crate::store::to_json;
+
+/// A lease that is younger than this is not written again [ms].
+const GRAIN_MS: i64 = 5_000;
+
+/// Those of the jobs (job, attempt, running) that are worker ?2's, with how the database has them.
+const HELD: &str = "select job.id, job.lease_until_ms, job.running, held.value ->> 2
+    from json_each(?1) as held join job on job.id = held.value ->> 0 join claim on claim.id = job.claim_id
+    where job.state = 'leased' and job.attempt = held.value ->> 1 and claim.worker_id = ?2";
+
+/// Moves leases to ?2 and notes which jobs run: job, running.
+const EXTEND: &str = "update job set lease_until_ms = ?2, running = value ->> 1
+    from json_each(?1) where job.id = value ->> 0";
+
+#[cfg(test)]
+pub(super) const STATEMENTS: &[&str] = &[HELD, EXTEND];
+
+/// Renews what is still `worker`'s and tells it the rest.
+pub(crate) async fn renew(
+    conn: &mut SqliteConnection,
+    worker: i64,
+    renew: &Renew,
+    now_ms: i64,
+) -> Result<Renewed, StoreError> {
+    if renew.held.is_empty() {
+        return Ok(Renewed::default());
+    }
+    let held: Vec<_> = renew.held.iter().map(|held| (held.job, held.attempt, i64::from(held.running))).collect();
+    let rows: Vec<(i64, i64, i64, i64)> =
+        sqlx::query_as(HELD).bind(to_json(&held)).bind(worker).fetch_all(&mut *conn).await?;
+    let until_ms = now_ms + LEASE_MS;
+    let is_due = |until: i64, was: i64, is: i64| until < until_ms - GRAIN_MS || was != is;
+    let due: Vec<_> =
+        rows.iter().filter(|(_, until, was, is)| is_due(*until, *was, *is)).map(|(id, .., is)| (id, is)).collect();
+    if !due.is_empty() {
+        sqlx::query(EXTEND).bind(to_json(&due)).bind(until_ms).execute(conn).await?;
+    }
+    let still: HashSet<i64> = rows.iter().map(|row| row.0).collect();
+    let lost = renew.held.iter().map(|held| held.job).filter(|job| !still.contains(&job.0)).collect();
+    Ok(Renewed { lost })
+}

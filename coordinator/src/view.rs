@@ -1,0 +1,309 @@
+//! What the store answers to users: pages of jobs, one job in full, cells and their values.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use furrow_schema::id::{CellId, Digest, JobId, JobKey, ScenarioId, SweepId, WorkerId};
+use furrow_schema::job::{JobState, Timings};
+
+use crate::moments::Moments;
+
+/// Which jobs to list. The default is all of them.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct JobFilter {
+    /// Only jobs of this sweep.
+    pub sweep: Option<SweepId>,
+    /// Only jobs in this state.
+    pub state: Option<JobState>,
+    /// Only jobs in cells with all these labels (label by factor).
+    pub factors: BTreeMap<String, String>,
+    /// At most this many; 0 stands for [`JobFilter::DEFAULT_LIMIT`], more than [`JobFilter::MAX_LIMIT`] for that.
+    pub limit: u32,
+    /// Only jobs behind this place: [`JobPage::next`] of the page before.
+    pub after: Option<JobCursor>,
+}
+
+impl JobFilter {
+    /// How many jobs a page has where nothing else is asked.
+    pub const DEFAULT_LIMIT: u32 = 100;
+    /// How many jobs a page has at most.
+    pub const MAX_LIMIT: u32 = 10_000;
+}
+
+/// A place in a list of jobs, which is ordered by cell, then job. Written `cell.job`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct JobCursor {
+    /// The cell of the last job seen.
+    pub cell: CellId,
+    /// The last job seen.
+    pub job: JobId,
+}
+
+impl std::fmt::Display for JobCursor {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}.{}", self.cell, self.job)
+    }
+}
+
+impl std::str::FromStr for JobCursor {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{}` is no place in a list of jobs", text.chars().take(80).collect::<String>());
+        let (cell, job) = text.split_once('.').ok_or_else(wrong)?;
+        Ok(Self { cell: cell.parse().map_err(|_| wrong())?, job: job.parse().map_err(|_| wrong())? })
+    }
+}
+
+/// Some jobs of a list.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct JobPage {
+    /// The jobs; one that several cells want stands once for each.
+    pub items: Vec<JobItem>,
+    /// Where the next page begins; none at the end.
+    pub next: Option<JobCursor>,
+}
+
+/// A job as a line of a list.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JobItem {
+    /// The job.
+    pub id: JobId,
+    /// Its key.
+    pub key: JobKey,
+    /// The sweep of the cell in which it is listed.
+    pub sweep: SweepId,
+    /// The cell in which it is listed.
+    pub cell: CellId,
+    /// Where it stands.
+    pub state: JobState,
+    /// The cell's label by factor.
+    pub factors: BTreeMap<String, String>,
+    /// Its seed.
+    pub seed: u64,
+    /// How often it was handed out.
+    pub attempts: u32,
+    /// Who holds it, or whose result is on record.
+    pub worker: Option<WorkerId>,
+    /// How its run ended, when it has.
+    pub outcome: Option<String>,
+    /// The digest of its result, when it has one.
+    pub digest: Option<Digest>,
+}
+
+/// How to name a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JobRef {
+    /// By number.
+    Id(JobId),
+    /// By key.
+    Key(JobKey),
+}
+
+impl std::str::FromStr for JobRef {
+    type Err = furrow_schema::id::IdError;
+
+    /// A number, or the 64 hexadecimal digits of a key.
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if text.len() == 64 { text.parse().map(Self::Key) } else { text.parse().map(Self::Id) }
+    }
+}
+
+/// A job in full.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobDetail {
+    /// The job.
+    pub id: JobId,
+    /// Its key.
+    pub key: JobKey,
+    /// Where it stands.
+    pub state: JobState,
+    /// Canonical JSON of its scenario.
+    pub scenario_json: String,
+    /// Its seed.
+    pub seed: u64,
+    /// The highest priority among the sweeps that want it.
+    pub priority: i64,
+    /// The cells that want it, oldest first.
+    pub cells: Vec<JobCell>,
+    /// Every handing-out, oldest first.
+    pub attempts: Vec<Attempt>,
+    /// Its result, when there is one.
+    pub result: Option<JobResult>,
+    /// Further results that differ from the one on record.
+    pub incidents: Vec<Incident>,
+    /// When it was first asked for [ms since 1970].
+    pub created_ms: i64,
+    /// When it ended [ms since 1970].
+    pub ended_ms: Option<i64>,
+}
+
+/// A cell that wants a job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JobCell {
+    /// Its sweep.
+    pub sweep: SweepId,
+    /// The cell.
+    pub cell: CellId,
+    /// Its label by factor.
+    pub factors: BTreeMap<String, String>,
+}
+
+/// One handing-out of a job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Attempt {
+    /// Which, from 1.
+    pub attempt: u32,
+    /// To whom.
+    pub worker: WorkerId,
+    /// When [ms since 1970].
+    pub claimed_ms: i64,
+    /// Until when [ms since 1970]; none while it lasts.
+    pub ended_ms: Option<i64>,
+    /// What became of it.
+    pub end: AttemptEnd,
+    /// The panic's message, or what else there is to say.
+    pub reason: Option<String>,
+}
+
+/// What became of a handing-out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AttemptEnd {
+    /// It lasts.
+    Open,
+    /// Its result is on record.
+    Done,
+    /// The run panicked: charged to the job.
+    Panicked,
+    /// The lease ran out while the job ran there: charged to the job as a worker's death.
+    Died,
+    /// The lease ran out before the job was begun: not charged.
+    Expired,
+    /// The worker gave it back.
+    HandedBack,
+    /// The result of another holder was recorded meanwhile.
+    Superseded,
+}
+
+impl AttemptEnd {
+    /// The word for it: `open`, `done`, `panicked`, `died`, `expired`, `handed-back` or `superseded`.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Done => "done",
+            Self::Panicked => "panicked",
+            Self::Died => "died",
+            Self::Expired => "expired",
+            Self::HandedBack => "handed-back",
+            Self::Superseded => "superseded",
+        }
+    }
+
+    /// What `word` stands for, if anything.
+    #[must_use]
+    pub fn from_word(word: &str) -> Option<Self> {
+        use AttemptEnd::{Died, Done, Expired, HandedBack, Open, Panicked, Superseded};
+        [Open, Done, Panicked, Died, Expired, HandedBack, Superseded].into_iter().find(|end| end.as_str() == word)
+    }
+}
+
+/// The result on record for a job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobResult {
+    /// Who ran it.
+    pub worker: WorkerId,
+    /// In which handing-out.
+    pub attempt: u32,
+    /// Hash over trajectory, outcome and metrics.
+    pub digest: Digest,
+    /// How the run ended.
+    pub outcome: String,
+    /// Per-run values by metric name.
+    pub metrics: BTreeMap<String, f64>,
+    /// Wall-clock figures of that run.
+    pub timings: Timings,
+    /// 20 Hz poses, delta-coded and compressed; none unless the sweep asked for it.
+    pub trajectory: Option<Vec<u8>>,
+    /// When it was recorded [ms since 1970].
+    pub recorded_ms: i64,
+}
+
+/// A second result that differs from the one on record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Incident {
+    /// The job.
+    pub job: JobId,
+    /// Whose result is on record.
+    pub recorded_worker: WorkerId,
+    /// The digest on record.
+    pub recorded_digest: Digest,
+    /// Who sent the other.
+    pub other_worker: WorkerId,
+    /// The other's digest.
+    pub other_digest: Digest,
+    /// The other's outcome.
+    pub other_outcome: String,
+    /// When it came [ms since 1970].
+    pub noted_ms: i64,
+}
+
+/// A cell with its counts and exact moments.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellSummary {
+    /// The cell.
+    pub id: CellId,
+    /// Its place in the sweep, from 0.
+    pub position: u64,
+    /// Label by factor.
+    pub factors: BTreeMap<String, String>,
+    /// All its jobs.
+    pub total: u64,
+    /// Jobs with a result.
+    pub done: u64,
+    /// Jobs given up on.
+    pub failed: u64,
+    /// Moments by metric, over the jobs with a result in which the metric is defined.
+    pub metrics: BTreeMap<String, Moments>,
+}
+
+/// The values of the runs of one cell, in an order that depends on nothing but the runs: by seed, then scenario.
+/// Element `i` of each column belongs to the run with `seeds[i]`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CellValues {
+    /// The cell's place in the sweep, from 0.
+    pub position: u64,
+    /// Label by factor.
+    pub factors: BTreeMap<String, String>,
+    /// The runs' jobs.
+    pub jobs: Vec<JobId>,
+    /// The runs' seeds.
+    pub seeds: Vec<u64>,
+    /// The runs' scenarios.
+    pub scenarios: Vec<ScenarioId>,
+    /// How the runs ended.
+    pub outcomes: Vec<Arc<str>>,
+    /// The runs' digests.
+    pub digests: Vec<Digest>,
+    /// A column by metric; none where it is undefined for a run.
+    pub metrics: BTreeMap<String, Vec<Option<f64>>>,
+    /// A column by timing metric, of the runs that ran alone; none for the others.
+    pub timings: BTreeMap<String, Vec<Option<f64>>>,
+}
+
+/// A worker that said hello.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WorkerInfo {
+    /// The worker.
+    pub id: WorkerId,
+    /// Its name for people.
+    pub name: String,
+    /// Runs at a time.
+    pub threads: u32,
+    /// Jobs it holds.
+    pub leased: u64,
+    /// When it first said hello [ms since 1970].
+    pub first_seen_ms: i64,
+    /// When it last asked for something or renewed, to within 5 s [ms since 1970].
+    pub last_seen_ms: i64,
+}
