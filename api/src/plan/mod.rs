@@ -1,8 +1,8 @@
 //! From a plan and what a user asks of it to the cells of a sweep.
 //!
-//! Read in this order: [`source`] finds and checks a plan, [`custom_field`] is a user's own field, [`factor`]
-//! turns the plan's levels into changes and picks those asked for, [`merge`] and [`path`] are the two kinds of
-//! change, [`resolve`] makes one scenario, [`expand`] multiplies the factors out, [`error`] is what a user can
+//! Read in this order: `source` finds and checks a plan, `custom_field` is a user's own field, `factor`
+//! turns the plan's levels into changes and picks those asked for, `merge` and `path` are the two kinds of
+//! change, `resolve` makes one scenario, `expand` multiplies the factors out, `error` is what a user can
 //! get wrong, `catalogue` lists the plans there are.
 
 mod catalogue;

@@ -1,8 +1,8 @@
 //! From the results of a sweep to tables.
 //!
-//! Read in this order: [`data`] is what the store knows of a sweep, [`query`] what a user asks of it, [`metric`]
-//! what is measured, [`statistics`] what is said of many values, [`tabulate`] makes the cells, [`layout`] sets
-//! them in rows and columns as a [`grid`], and [`render`] writes a grid as CSV, Markdown, LaTeX or text.
+//! Read in this order: `data` is what the store knows of a sweep, `query` what a user asks of it, `metric`
+//! what is measured, `statistics` what is said of many values, `tabulate` makes the cells, `layout` sets
+//! them in rows and columns as a `grid`, and `render` writes a grid as CSV, Markdown, LaTeX or text.
 //!
 //! A table is a function of the set of results: the order in which they came leaves no trace.
 

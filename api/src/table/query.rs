@@ -23,7 +23,7 @@ impl Query {
     /// A question from the words of a URL or a command line, each a list separated by commas.
     ///
     /// # Errors
-    /// An unknown statistic. Factors and metrics are checked against the sweep by [`tabulate`](super::tabulate).
+    /// An unknown statistic. Factors and metrics are checked against the sweep by [`tabulate`](super::tabulate()).
     pub fn from_words(
         group_by: Option<&str>,
         metric: Option<&str>,

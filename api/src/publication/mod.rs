@@ -1,0 +1,126 @@
+//! Published tables with ours beside them.
+//!
+//! Read in this order: `reference` holds what was published, `compare` finds our runs for each published
+//! cell, `verdict` says how the two agree, `layout` sets them in the paper's rows and columns.
+//!
+//! # Verdicts
+//! - `inside`: the published value lies within our 95 % interval, ends included. Where the interval is a single
+//!   point, or there is none as for one run, the published value equals our mean.
+//! - `same-ranking`: not inside, but the finder keeps its place. Among the finders that have both a published
+//!   value and one of ours in this column there is at least one other, and for each other one whose published
+//!   value differs from this finder's, our means differ in the same direction.
+//! - `different`: neither.
+//! - `not-run`: the sweep has no finished run for this cell (for the mean column: not for all four crops).
+//!
+//! Where nothing is published there is no verdict, unless it is `not-run`.
+
+mod compare;
+mod error;
+mod layout;
+mod reference;
+mod verdict;
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::table::{Format, Grid, SweepData, render};
+
+pub use compare::compare;
+pub use error::PublicationError;
+pub use reference::{sources, tables};
+pub use verdict::Verdict;
+
+/// A published table with ours beside it.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct Comparison {
+    /// The publication, such as `guyonneau2022`.
+    pub source: String,
+    /// The table, such as `table-2`.
+    pub table: String,
+    /// The publication for people.
+    pub citation: String,
+    /// What is compared.
+    pub metric: String,
+    /// Its unit, `1` where it has none.
+    pub unit: String,
+    /// What there is to say about the published table as a whole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+    /// The cells, by algorithm, then field; the field `mean` is the published mean over the fields.
+    pub cells: Vec<ComparisonCell>,
+}
+
+/// A published value with ours beside it.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct ComparisonCell {
+    /// Label by factor: `algorithm`, `field`, and any other factor in which the sweep's runs differ.
+    pub factors: BTreeMap<String, String>,
+    /// The published value; null where nothing is published.
+    pub published: Option<f64>,
+    /// What the authors' program gave in an equivalent simulator; null where that is not known.
+    pub program: Option<f64>,
+    /// The median over the runs of the authors' program, where `program` is their mean.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub program_median: Option<f64>,
+    /// Runs of the authors' program behind `program`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub program_runs: Option<u64>,
+    /// Our runs; null where there are none.
+    pub ours: Option<Ours>,
+    /// How the published value and ours agree; null where nothing is published.
+    pub verdict: Option<Verdict>,
+    /// What else there is to know, in words.
+    pub note: Option<String>,
+    /// Successful and finished runs, for people.
+    #[serde(skip)]
+    pub(crate) success: Option<(u64, u64)>,
+}
+
+impl ComparisonCell {
+    fn label(&self, factor: &str) -> &str {
+        self.factors.get(factor).map_or("", String::as_str)
+    }
+}
+
+/// What our runs gave.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct Ours {
+    /// Arithmetic mean; in the column `mean` the mean of the crops' means.
+    pub mean: f64,
+    /// Median; null in the column `mean`.
+    pub median: Option<f64>,
+    /// 95 % interval of the mean; null for one run, unless of a ratio.
+    pub ci95: Option<[f64; 2]>,
+    /// Runs.
+    pub n: u64,
+}
+
+impl Comparison {
+    /// The comparison as text in `format`: for people in the paper's rows and columns, in CSV one line per cell.
+    #[must_use]
+    pub fn write(&self, format: Format) -> String {
+        match format {
+            Format::Json => serde_json::json!(self).to_string(),
+            Format::Csv => render(&layout::for_programs(self), format),
+            Format::Md | Format::Latex | Format::Text => render(&self.grid(), format),
+        }
+    }
+
+    /// The comparison in the paper's rows and columns.
+    #[must_use]
+    pub fn grid(&self) -> Grid {
+        layout::for_people(self)
+    }
+}
+
+/// The published tables that belong to a sweep of `plan`, as (source, table): tables of times only where the
+/// sweep has measured times.
+#[must_use]
+pub fn tables_of(plan: &str, data: &SweepData) -> Vec<(&'static str, &'static str)> {
+    let belongs = |source: &&&str| plan.split('/').next() == Some(**source);
+    let Some(source) = sources().iter().find(belongs) else { return Vec::new() };
+    let has = |metric: &str| data.cells.iter().any(|cell| cell.metrics.contains_key(metric));
+    let shown = |table: &&reference::Reference| !table.is_timing() || has(table.measured());
+    reference::of(source).filter(shown).map(|table| (*source, table.name)).collect()
+}
