@@ -156,8 +156,9 @@ fn print_tables(finished: &Finished) -> Result<(), CliError> {
     let Finished { sweep, cached, data, wall_s } = finished;
     let table = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
     output::line(&table.write(Format::Text))?;
-    for table in publication::compare(&sweep.plan, data) {
-        output::line(&format!("\n{}", table.text()))?;
+    for (source, table) in publication::tables_of(&sweep.plan, data) {
+        let comparison = publication::compare(source, table, Some(data)).map_err(CliError::failed("no comparison"))?;
+        output::line(&format!("\n{}", comparison.write(Format::Text)))?;
     }
     let (runs, failed) = (sweep.done, sweep.failed);
     output::line(&format!("\n{runs} runs, {cached} of them cached, {failed} failed, in {}", span(*wall_s)))

@@ -4,7 +4,8 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use furrow_coordinator::{Config, Store, zenoh_service};
+use furrow_coordinator::zenoh_service::{self, ZenohConfig};
+use furrow_coordinator::{Config, Store};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
@@ -47,12 +48,12 @@ pub(super) async fn run(args: ServeArgs) -> Result<(), CliError> {
 }
 
 async fn serve(listener: TcpListener, endpoint: &str, mut farm: Farm, stop: CancellationToken) -> Result<(), CliError> {
-    let config = zenoh_service::ServiceConfig::on(endpoint);
+    let config = ZenohConfig { listen: vec![endpoint.to_owned()], ..ZenohConfig::default() };
     let service = match zenoh_service::serve(farm.coordinator().clone(), config).await {
         Ok(service) => service,
         Err(error) => {
             farm.stop().await;
-            return Err(CliError::BadInput(format!("--zenoh {endpoint}: {error}")));
+            return Err(CliError::BadInput(format!("--zenoh: {error}")));
         }
     };
     let address = listener.local_addr().map_err(CliError::failed("cannot tell the address"))?;

@@ -11,11 +11,15 @@ mod layers;
 mod negotiate;
 pub mod plans;
 pub mod problem;
+pub mod publications;
 mod refusals;
 mod replays;
 pub mod sweeps;
 pub mod tables;
 pub mod trajectories;
+
+#[cfg(test)]
+mod tests;
 
 use std::sync::Arc;
 
@@ -65,6 +69,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(tables::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
+        .merge(publications::routes())
         .merge(plans::routes())
         .merge(health::routes())
 }

@@ -5,6 +5,7 @@ use furrow_coordinator::StoreError;
 
 use super::problem::Problem;
 use crate::plan::PlanError;
+use crate::publication::PublicationError;
 use crate::table::TableError;
 
 impl From<PlanError> for Problem {
@@ -16,6 +17,16 @@ impl From<PlanError> for Problem {
 impl From<TableError> for Problem {
     fn from(error: TableError) -> Self {
         Self::bad_request(error.to_string()).at(error.key).allowing(error.known)
+    }
+}
+
+impl From<PublicationError> for Problem {
+    fn from(error: PublicationError) -> Self {
+        let (key, known) = match &error {
+            PublicationError::UnknownSource { known, .. } => ("source", known),
+            PublicationError::UnknownTable { known, .. } => ("table", known),
+        };
+        Self::new(StatusCode::NOT_FOUND, error.to_string()).at(key).allowing(known.iter().copied())
     }
 }
 

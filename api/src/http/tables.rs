@@ -36,7 +36,8 @@ const fn form(format: Format, media_type: &'static str) -> Form<Format> {
     Form { word: format.as_str(), media_type, form: format }
 }
 
-const FORMS: [Form<Format>; 5] = [
+/// The forms of every table.
+pub(super) const FORMS: [Form<Format>; 5] = [
     form(Format::Json, "application/json"),
     form(Format::Csv, "text/csv"),
     form(Format::Md, "text/markdown"),
