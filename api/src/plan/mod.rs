@@ -15,6 +15,8 @@ mod merge;
 mod path;
 mod resolve;
 mod source;
+#[cfg(test)]
+mod tests;
 
 use std::collections::BTreeMap;
 
