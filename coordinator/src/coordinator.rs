@@ -8,13 +8,14 @@ use furrow_schema::sweep::{NewSweep, Submitted, Sweep};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
+use crate::batch::Command;
 use crate::config::Config;
 use crate::error::StoreError;
 use crate::rate::Rates;
 use crate::store::{Store, cell, incident, job, submit, sweep, values, worker};
 use crate::validate;
 use crate::view::{CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, WorkerInfo};
-use crate::writer::{self, Command};
+use crate::writer;
 
 /// Questions wait in a queue of this length; whoever asks then waits for a place in it.
 const QUEUE_LENGTH: usize = 1_024;

@@ -1,6 +1,6 @@
 //! Queue, leases, store and Zenoh service.
 //!
-//! Read in this order: [`coordinator`] is what all others talk to; [`writer`] is the one task that changes the
+//! Read in this order: [`coordinator`] is what all others talk to; `writer` is the one task that changes the
 //! database, many questions to a transaction; `validate` looks at what came in before it gets there; [`store`]
 //! holds the SQL, one file a concern, and the `migrations` folder beside the crates draws the job's state
 //! machine; [`moments`] over [`exact_sum`] are the statistics kept per cell; [`wire`] turns bytes into
@@ -9,18 +9,19 @@
 //! A worker in the same process calls the coordinator's methods, one elsewhere sends the same questions as
 //! JSON: there is no other difference.
 
+mod batch;
 pub mod config;
 pub mod coordinator;
 pub mod error;
 pub mod exact_sum;
 pub mod moments;
-pub mod rate;
+mod rate;
 pub mod store;
 mod validate;
 pub mod view;
 pub mod wire;
-pub mod writer;
-pub mod zenoh_config;
+mod writer;
+mod zenoh_config;
 pub mod zenoh_service;
 
 #[cfg(test)]

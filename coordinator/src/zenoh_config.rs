@@ -1,14 +1,42 @@
-//! How the coordinator's Zenoh session is set up: what it listens on and how workers find it.
+//! How the coordinator's Zenoh session is set up: where it listens and how workers find it.
+//!
+//! Nothing is reachable that was not asked for: the session listens on the given endpoints alone, connects to
+//! nobody, does not gossip, and answers scouts on the loopback interface only, unless the local network is asked for.
+
+use std::net::{TcpListener, ToSocketAddrs, UdpSocket};
+
+use furrow_schema::protocol::DEFAULT_NAMESPACE;
+
+use crate::wire::MAX_PAYLOAD_BYTES;
 
 /// Settings of the Zenoh service.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ZenohConfig {
-    /// Endpoints to listen on; port 0 takes any free one. Nothing else is listened on.
+    /// Endpoints to listen on, such as `tcp/127.0.0.1:7447`; port 0 takes any free one.
     pub listen: Vec<String>,
-    /// Separates coordinators and workers that share a network: one word of a key.
+    /// Separates coordinators and workers that share a network: one word of letters, digits, `-` and `_`.
     pub namespace: String,
-    /// Whether workers on this machine may find the coordinator by scouting on the loopback interface.
-    pub scouting: bool,
+    /// Who may find the coordinator by scouting.
+    pub scouting: Scouting,
+}
+
+/// Who is answered when they scout for coordinators. Being found is not being let in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scouting {
+    /// Nobody: workers have to be told an endpoint.
+    Off,
+    /// Workers on this machine, over its loopback interface.
+    ThisMachine,
+    /// Workers on the local network.
+    LocalNetwork,
+}
+
+impl ZenohConfig {
+    /// The default, but listening on `endpoint`.
+    #[must_use]
+    pub fn on(endpoint: &str) -> Self {
+        Self { listen: vec![endpoint.to_owned()], ..Self::default() }
+    }
 }
 
 impl Default for ZenohConfig {
@@ -16,8 +44,172 @@ impl Default for ZenohConfig {
     fn default() -> Self {
         Self {
             listen: vec!["tcp/127.0.0.1:0".to_owned()],
-            namespace: furrow_schema::protocol::DEFAULT_NAMESPACE.to_owned(),
-            scouting: true,
+            namespace: DEFAULT_NAMESPACE.to_owned(),
+            scouting: Scouting::ThisMachine,
+        }
+    }
+}
+
+/// Why the Zenoh service did not start. The caller gives up and tells the user.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ZenohError {
+    /// The namespace is not one plain word. The caller names the setting.
+    #[error("the namespace `{0}` is not one word of letters, digits, `-` and `_`")]
+    Namespace(String),
+    /// The endpoint cannot be read or is of a kind that this build does not have. The caller names the setting.
+    #[error("cannot listen on `{endpoint}`: {reason}")]
+    Endpoint {
+        /// The endpoint as it was given.
+        endpoint: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Somebody else listens there. The user chooses another port, or 0 for any.
+    #[error("cannot listen on `{0}`: the port is in use")]
+    Busy(String),
+    /// Zenoh failed otherwise.
+    #[error("zenoh: {0}")]
+    Zenoh(String),
+}
+
+impl From<zenoh::Error> for ZenohError {
+    fn from(error: zenoh::Error) -> Self {
+        Self::Zenoh(error.to_string())
+    }
+}
+
+/// A link whose other end is silent for this long is given up [ms].
+const LINK_LEASE_MS: u32 = 2_000;
+/// The address by which the loopback interface is named.
+const LOOPBACK: &str = "\"127.0.0.1\"";
+
+impl ZenohConfig {
+    /// The endpoints with a free port in place of 0, each found free a moment ago.
+    pub(crate) fn endpoints(&self) -> Result<Vec<String>, ZenohError> {
+        self.listen.iter().map(|endpoint| with_free_port(endpoint)).collect()
+    }
+
+    /// Whether the namespace can be a word of a key.
+    pub(crate) fn check_namespace(&self) -> Result<(), ZenohError> {
+        let plain = |b: u8| b.is_ascii_alphanumeric() || b == b'-' || b == b'_';
+        let good = !self.namespace.is_empty() && self.namespace.len() <= 64 && self.namespace.bytes().all(plain);
+        if good { Ok(()) } else { Err(ZenohError::Namespace(self.namespace.chars().take(80).collect())) }
+    }
+
+    /// Whether any endpoint may be served on a port of the session's choice: a lost race for it may be run again.
+    pub(crate) fn has_free_choice(&self) -> bool {
+        self.listen.iter().any(|endpoint| split(endpoint).is_ok_and(|(_, _, port, _)| port == 0))
+    }
+}
+
+/// What Zenoh is told.
+pub(crate) fn session(endpoints: &[String], scouting: Scouting) -> Result<zenoh::Config, ZenohError> {
+    let mut config = zenoh::Config::default();
+    let endpoints = serde_json::to_string(endpoints).expect("texts are JSON");
+    let lease = LINK_LEASE_MS.to_string();
+    // Room for the largest question and what Zenoh wraps it in.
+    let message = (MAX_PAYLOAD_BYTES + (1 << 20)).to_string();
+    let settings: [(&str, &str); 14] = [
+        ("mode", "\"peer\""),
+        ("listen/endpoints", &endpoints),
+        ("listen/exit_on_failure", "true"),
+        ("listen/timeout_ms", "0"),
+        ("connect/endpoints", "[]"),
+        ("open/return_conditions/connect_scouted", "false"),
+        ("scouting/multicast/enabled", if scouting == Scouting::Off { "false" } else { "true" }),
+        ("scouting/multicast/interface", if scouting == Scouting::LocalNetwork { "\"auto\"" } else { LOOPBACK }),
+        ("scouting/multicast/autoconnect", "[]"),
+        ("scouting/multicast/listen", "true"),
+        ("scouting/gossip/enabled", "false"),
+        ("transport/link/tx/lease", &lease),
+        ("transport/link/rx/max_message_size", &message),
+        ("adminspace/enabled", "false"),
+    ];
+    for (key, value) in settings {
+        config.insert_json5(key, value).map_err(|error| ZenohError::Zenoh(format!("setting `{key}`: {error}")))?;
+    }
+    Ok(config)
+}
+
+/// The endpoint with the port that it will have, if it is free.
+fn with_free_port(endpoint: &str) -> Result<String, ZenohError> {
+    let wrong = |reason: String| ZenohError::Endpoint { endpoint: endpoint.to_owned(), reason };
+    let (protocol, host, port, rest) = split(endpoint).map_err(wrong)?;
+    let bare_host = host.trim_start_matches('[').trim_end_matches(']');
+    let address = (bare_host, port)
+        .to_socket_addrs()
+        .map_err(|error| wrong(error.to_string()))?
+        .next()
+        .ok_or_else(|| wrong(format!("`{host}` is no address")))?;
+    let bound = match protocol {
+        "tcp" | "tls" | "ws" => TcpListener::bind(address).and_then(|socket| socket.local_addr()),
+        _ => UdpSocket::bind(address).and_then(|socket| socket.local_addr()),
+    };
+    let bound = bound.map_err(|error| match error.kind() {
+        std::io::ErrorKind::AddrInUse => ZenohError::Busy(endpoint.to_owned()),
+        _ => wrong(error.to_string()),
+    })?;
+    Ok(format!("{protocol}/{host}:{}{rest}", bound.port()))
+}
+
+/// Protocol, host, port, and what follows: `tcp/[::]:0#iface=eth0`.
+fn split(endpoint: &str) -> Result<(&str, &str, u16, &str), String> {
+    const FORM: &str = "an endpoint is written `tcp/HOST:PORT` or `quic/HOST:PORT`";
+    let (protocol, rest) = endpoint.split_once('/').ok_or(FORM)?;
+    if !matches!(protocol, "tcp" | "quic" | "tls" | "udp" | "ws") {
+        return Err(format!("`{protocol}` is no known protocol; {FORM}"));
+    }
+    let (address, rest) = rest.find(['?', '#']).map_or((rest, ""), |at| rest.split_at(at));
+    let (host, port) = address.rsplit_once(':').ok_or(FORM)?;
+    let port = port.parse().map_err(|_| format!("`{port}` is no port, 0 to 65535"))?;
+    if host.is_empty() { Err(FORM.to_owned()) } else { Ok((protocol, host, port, rest)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn port_0_becomes_a_free_port() {
+        let endpoints = ZenohConfig::default().endpoints().unwrap();
+        let port: u16 = endpoints[0].strip_prefix("tcp/127.0.0.1:").unwrap().parse().unwrap();
+        assert_ne!(port, 0);
+    }
+
+    #[test]
+    fn a_busy_port_is_named() {
+        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+        let endpoint = format!("tcp/{}", taken.local_addr().unwrap());
+        let error = ZenohConfig::on(&endpoint).endpoints().unwrap_err();
+        assert_eq!(error, ZenohError::Busy(endpoint.clone()));
+        assert!(error.to_string().contains(&endpoint));
+    }
+
+    #[test]
+    fn what_is_no_endpoint_is_named() {
+        for endpoint in ["", "tcp", "tcp/", "tcp/127.0.0.1", "tcp/127.0.0.1:70000", "pigeon/loft:1", "tcp/:1"] {
+            let error = ZenohConfig::on(endpoint).endpoints().unwrap_err();
+            assert!(matches!(&error, ZenohError::Endpoint { .. }), "{endpoint}: {error}");
+        }
+    }
+
+    #[test]
+    fn an_endpoint_keeps_its_host_and_parameters() {
+        assert_eq!(split("tcp/[::1]:0#iface=lo"), Ok(("tcp", "[::1]", 0, "#iface=lo")));
+    }
+
+    #[test]
+    fn a_namespace_is_one_plain_word() {
+        for (namespace, good) in [("default", true), ("lab-2", true), ("", false), ("a/b", false), ("*", false)] {
+            let config = ZenohConfig { namespace: namespace.to_owned(), ..Default::default() };
+            assert_eq!(config.check_namespace().is_ok(), good, "{namespace}");
+        }
+    }
+
+    #[test]
+    fn zenoh_knows_every_setting() {
+        for scouting in [Scouting::Off, Scouting::ThisMachine, Scouting::LocalNetwork] {
+            session(&["tcp/127.0.0.1:1".to_owned()], scouting).unwrap();
         }
     }
 }

@@ -111,3 +111,137 @@ impl Row {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use furrow_schema::id::{Credential, EngineId};
+    use furrow_schema::protocol::{Call, Hello, Refusal, Reply};
+    use furrow_schema::sweep::NewSweep;
+
+    use super::*;
+    use crate::testing::{Bench, ENGINE, Worker, done, sweep};
+
+    #[tokio::test]
+    async fn a_claim_hands_out_each_job_once_with_its_scenario() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop", "rg"], 2)).await;
+        let worker = bench.worker().await;
+
+        let first = worker.leases(3).await;
+        let second = worker.leases(3).await;
+        let third = worker.leases(3).await;
+
+        let seeds: Vec<_> = first.jobs.iter().chain(&second.jobs).map(|job| (job.scenario.0, job.seed)).collect();
+        assert_eq!(seeds, [(1, 1), (1, 2), (2, 1), (2, 2)]);
+        assert!(first.jobs.iter().all(|job| job.attempt == 1 && !job.alone && !job.record));
+        let texts: Vec<_> = first.scenarios.iter().map(|s| s.json.as_str()).collect();
+        assert_eq!(texts, [r#"{"algorithm":"rgop"}"#, r#"{"algorithm":"rg"}"#]);
+        assert!(third.jobs.is_empty() && third.retry_after_ms > 0);
+        bench.assert_consistent().await;
+    }
+
+    #[tokio::test]
+    async fn a_known_scenario_is_not_sent_again() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 2)).await;
+        let worker = bench.worker().await;
+        let known = worker.leases(1).await.scenarios[0].id;
+        let mut call = worker.claim_call(1);
+        call.body.known_scenarios = vec![known];
+        let leases = bench.coordinator.claim(call).await.into_result().unwrap();
+        assert_eq!((leases.jobs.len(), leases.scenarios.len()), (1, 0));
+    }
+
+    #[tokio::test]
+    async fn a_repeated_claim_gets_the_same_jobs() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 5)).await;
+        let worker = bench.worker().await;
+        let call = worker.claim_call(2);
+        let first = bench.coordinator.claim(call.clone()).await;
+        worker.claim(1).await;
+        assert_eq!(bench.coordinator.claim(call.clone()).await, first);
+
+        let jobs = first.into_result().unwrap().jobs;
+        worker.ended(&jobs[0], done(1.0)).await;
+        let again = bench.coordinator.claim(call).await.into_result().unwrap();
+        assert_eq!(again.jobs, jobs[1..]);
+    }
+
+    #[tokio::test]
+    async fn two_workers_may_use_the_same_request_id() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 2)).await;
+        let (a, b) = (bench.worker().await, bench.worker().await);
+        let of_a = a.claim_call(1);
+        let of_b = Call { request: of_a.request.clone(), ..b.claim_call(1) };
+        let of_a = bench.coordinator.claim(of_a).await.into_result().unwrap();
+        let of_b = bench.coordinator.claim(of_b).await.into_result().unwrap();
+        assert_ne!(of_a.jobs[0].job, of_b.jobs[0].job);
+    }
+
+    #[tokio::test]
+    async fn a_higher_priority_goes_first() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["low"], 2)).await;
+        bench.submit(NewSweep { priority: 5, ..sweep(&["high"], 2) }).await;
+        let scenarios: Vec<_> = bench.worker().await.claim(4).await.into_iter().map(|job| job.scenario.0).collect();
+        assert_eq!(scenarios, [2, 2, 1, 1]);
+    }
+
+    #[tokio::test]
+    async fn sweeps_of_equal_priority_take_turns_from_where_the_queue_stands() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["early"], 100)).await;
+        let worker = bench.worker().await;
+        worker.claim(50).await;
+        bench.submit(sweep(&["late"], 100)).await;
+        let late = worker.claim(40).await.into_iter().filter(|job| job.scenario.0 == 2).count();
+        assert!((19..=21).contains(&late), "{late} of 40");
+    }
+
+    #[tokio::test]
+    async fn jobs_of_another_engine_stay_where_they_are() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 1)).await;
+        let newer = EngineId([8; 32]);
+        let config = crate::Config::new(newer);
+        let after_the_upgrade = crate::Coordinator::start(bench.store.clone(), config);
+        let worker = Worker::new(&after_the_upgrade);
+        let hello = Hello { name: "new".to_owned(), engine: newer, threads: 1 };
+        after_the_upgrade.hello(worker.call(hello)).await.into_result().unwrap();
+        let claim = Claim { engine: newer, want: 8, known_scenarios: vec![] };
+        let leases = after_the_upgrade.claim(worker.call(claim)).await.into_result().unwrap();
+        assert!(leases.jobs.is_empty());
+    }
+
+    #[tokio::test]
+    async fn only_known_workers_with_their_own_credential_and_engine_are_served() {
+        let bench = Bench::new().await;
+        let stranger = Worker::new(&bench.coordinator);
+        let refused = |reply: Reply<Leases>| reply.into_result().unwrap_err();
+        assert_eq!(refused(bench.coordinator.claim(stranger.claim_call(1)).await), Refusal::UnknownWorker);
+
+        let worker = bench.worker().await;
+        let forged = Call { credential: stranger.credential.clone(), ..worker.claim_call(1) };
+        assert_eq!(refused(bench.coordinator.claim(forged).await), Refusal::BadCredential);
+
+        let mut foreign = worker.claim_call(1);
+        foreign.body.engine = EngineId([9; 32]);
+        let expected = Refusal::OtherEngine { coordinator: ENGINE, worker: EngineId([9; 32]) };
+        assert_eq!(refused(bench.coordinator.claim(foreign).await), expected);
+    }
+
+    #[tokio::test]
+    async fn a_second_hello_cannot_take_over_a_worker() {
+        let bench = Bench::new().await;
+        let worker = bench.worker().await;
+        let hello = Hello { name: "thief".to_owned(), engine: ENGINE, threads: 1 };
+        let forged = Call { credential: Credential::random(), ..worker.call(hello) };
+        let refused = bench.coordinator.hello(forged).await.into_result().unwrap_err();
+        assert_eq!(refused, Refusal::BadCredential);
+        worker.hello().await;
+        let names: Vec<_> = bench.coordinator.workers().await.unwrap().into_iter().map(|w| w.name).collect();
+        assert_eq!(names, ["tester"]);
+    }
+}

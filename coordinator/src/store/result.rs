@@ -261,3 +261,6 @@ impl StandingRow {
         })
     }
 }
+
+#[cfg(test)]
+mod tests;

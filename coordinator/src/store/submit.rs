@@ -345,3 +345,6 @@ async fn cached(conn: &mut SqliteConnection, jobs: &str) -> Result<HashMap<JobId
     let rows: Vec<(i64, String)> = sqlx::query_as(CACHED).bind(jobs).fetch_all(conn).await?;
     rows.into_iter().map(|(job, metrics)| Ok((JobId(job), from_json("a result's metrics", &metrics)?))).collect()
 }
+
+#[cfg(test)]
+mod tests;
