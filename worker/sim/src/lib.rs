@@ -1,10 +1,24 @@
 //! Fields, robots, LiDARs and closed loops: one run is a pure function of scenario and seed.
+//!
+//! [`scenario`] says what a run is made of, [`run`] is the loop. The world is in [`field`], [`robot`],
+//! [`lidar`] and [`odometry`]; [`perception`] and [`mission`] add to navigation's what only a simulator can
+//! have: an oracle that sees the truth, and a floor that sees nothing. [`observer`] judges, [`svg`] draws,
+//! [`plan`] holds experiments as data. No clock, no threads, no input or output.
 
 pub mod engine;
+pub mod field;
+pub mod lidar;
+pub mod mission;
+pub mod observer;
+pub mod odometry;
+pub mod perception;
 pub mod plan;
+mod pose;
+pub mod robot;
 pub mod run;
 pub mod scenario;
 pub mod svg;
 
-pub use run::{Outcome, Part, Pose, Probe, RunResult, Seed, simulate};
+pub use pose::Pose;
+pub use run::{Outcome, Part, Probe, RunResult, Seed, simulate};
 pub use scenario::{Scenario, ScenarioError};

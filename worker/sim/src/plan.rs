@@ -78,5 +78,20 @@ pub struct RangeLevel {
 /// The plans that come with Furrow, as (name, JSON text), sorted by name.
 #[must_use]
 pub fn builtin() -> &'static [(&'static str, &'static str)] {
-    &[]
+    include!(concat!(env!("OUT_DIR"), "/plans.rs"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_plan_file_is_a_plan_and_bears_its_name() {
+        assert!(!builtin().is_empty());
+        for (name, text) in builtin() {
+            let plan: Plan = serde_json::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(plan.name, *name);
+            crate::Scenario::from_value(plan.base).unwrap_or_else(|error| panic!("{name}: {error}"));
+        }
+    }
 }

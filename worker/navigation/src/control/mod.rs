@@ -1,0 +1,39 @@
+//! From the rows around the robot to wheel commands.
+
+pub mod fuzzy;
+
+pub use fuzzy::{Fuzzy, FuzzyParams};
+
+crate::kinds! {
+    /// Which controller follows a row.
+    pub enum ControlSpec {
+        /// The fuzzy controller of Guyonneau et al. (2022), section 3.3.
+        Fuzzy(FuzzyParams) = "fuzzy",
+    }
+}
+
+/// Speeds of the two wheels [rad/s]; positive drives forward.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct WheelSpeeds {
+    /// Left wheel [rad/s].
+    pub left_rad_s: f64,
+    /// Right wheel [rad/s].
+    pub right_rad_s: f64,
+}
+
+impl WheelSpeeds {
+    /// Both wheels stand.
+    pub const STOP: Self = Self::new(0.0, 0.0);
+
+    /// Left and right [rad/s].
+    #[must_use]
+    pub const fn new(left_rad_s: f64, right_rad_s: f64) -> Self {
+        Self { left_rad_s, right_rad_s }
+    }
+
+    /// Both speeds times `factor`.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self::new(self.left_rad_s * factor, self.right_rad_s * factor)
+    }
+}

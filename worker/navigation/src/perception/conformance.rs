@@ -1,0 +1,108 @@
+//! What every line finder must do, in one call.
+
+use super::{Beams, Line, LineFinderSpec, Scan};
+use crate::random::Stream;
+use proptest::prelude::*;
+
+/// Panics with the first rule that a finder breaks.
+pub(super) fn check(spec: &LineFinderSpec) {
+    an_empty_scan_gives_no_lines(spec);
+    the_same_seed_gives_the_same_lines(spec);
+    two_rows_are_found(spec);
+    a_mirrored_scan_gives_mirrored_lines_in_distribution(spec);
+    any_scan_gives_finite_lines(spec);
+}
+
+fn find(spec: &LineFinderSpec, scans: &[Vec<f64>], seed: u64) -> Vec<Line> {
+    let beams = beams(scans[0].len());
+    let mut finder = spec.build();
+    let mut random = Stream::new(seed, "line-finder");
+    let mut lines = Vec::new();
+    for ranges_m in scans {
+        lines = finder.find(&Scan { beams: &beams, ranges_m }, &mut random).lines.to_vec();
+    }
+    lines
+}
+
+fn beams(n: usize) -> Beams {
+    Beams::new(n, std::f64::consts::PI)
+}
+
+/// A scan between two rows of stems at y = `left` and y = -`right`, every 0.3 m, noise of 0.01 m.
+fn two_rows(left: f64, right: f64, seed: u64) -> Vec<f64> {
+    let beams = beams(360);
+    let mut noise = Stream::new(seed, "noise");
+    let mut ranges = vec![f64::INFINITY; 360];
+    for row in [left, -right] {
+        for i in 0..12 {
+            let (x, y): (f64, f64) = (0.1 + 0.3 * f64::from(i), row);
+            let range = libm::hypot(x, y);
+            let beam = (libm::atan2(y, x) - beams.angle_min_rad) / beams.angle_increment_rad;
+            ranges[(beam.round() as usize).min(359)] = range + 0.01 * noise.normal();
+        }
+    }
+    ranges
+}
+
+fn an_empty_scan_gives_no_lines(spec: &LineFinderSpec) {
+    assert_eq!(find(spec, &[vec![f64::INFINITY; 360]], 1), []);
+}
+
+fn the_same_seed_gives_the_same_lines(spec: &LineFinderSpec) {
+    let scans = [two_rows(0.5, 0.5, 1), two_rows(0.5, 0.5, 2)];
+    assert_eq!(find(spec, &scans, 7), find(spec, &scans, 7));
+}
+
+fn two_rows_are_found(spec: &LineFinderSpec) {
+    let scans: Vec<_> = (0..5).map(|i| two_rows(0.6, 0.4, i)).collect();
+    let close =
+        |intercept: f64| move |line: &Line| line.slope.abs() < 0.1 && (line.intercept_m - intercept).abs() < 0.06;
+    let found = (0..20).filter(|seed| {
+        let lines = find(spec, &scans, *seed);
+        lines.iter().any(close(0.6)) && lines.iter().any(close(-0.4))
+    });
+    assert!(found.count() >= 18);
+}
+
+fn a_mirrored_scan_gives_mirrored_lines_in_distribution(spec: &LineFinderSpec) {
+    let mean = |mirrored: bool| {
+        let mut sum = (0.0, 0.0, 0.0);
+        for seed in 0..200 {
+            let mut ranges = two_rows(0.7, 0.4, seed);
+            if mirrored {
+                ranges.reverse();
+            }
+            for line in find(spec, &[ranges], seed) {
+                sum = (sum.0 + line.slope, sum.1 + line.intercept_m, sum.2 + 1.0);
+            }
+        }
+        (sum.0 / sum.2, sum.1 / sum.2)
+    };
+    let (plain, mirrored) = (mean(false), mean(true));
+    assert!((plain.0 + mirrored.0).abs() < 0.05 && (plain.1 + mirrored.1).abs() < 0.05, "{plain:?} {mirrored:?}");
+}
+
+fn any_scan_gives_finite_lines(spec: &LineFinderSpec) {
+    let range = prop_oneof![
+        Just(f64::INFINITY),
+        Just(f64::NAN),
+        Just(0.0),
+        Just(-1.0),
+        Just(0.3),
+        0.1..4.0_f64,
+        Just(1e-300),
+        Just(1e6)
+    ];
+    let scans = proptest::collection::vec(proptest::collection::vec(range, 60), 1..4);
+    proptest!(ProptestConfig::with_cases(100), |(scans in scans, seed in any::<u64>())| {
+        for line in find(spec, &scans, seed) {
+            prop_assert!(line.slope.is_finite() && line.intercept_m.is_finite());
+        }
+    });
+    // All returns on one vertical line, and all in one place.
+    let beams = beams(60);
+    let vertical: Vec<f64> = beams.cos.iter().map(|cos| if *cos > 0.05 { 1.0 / cos } else { f64::INFINITY }).collect();
+    for line in find(spec, &[vertical, vec![1e-9; 60]], 1) {
+        assert!(line.slope.is_finite() && line.intercept_m.is_finite());
+    }
+}

@@ -1,0 +1,134 @@
+//! Ruby genetic one point: the genetic search over one point per plant.
+//!
+//! Guyonneau et al. (2022), sections 2.2.1 and 2.2.2; constants of the program behind their tables.
+
+use super::genetic::{PairWeights, Population};
+use super::{Found, Line, LineFinder, Points, Scan, Selection};
+use crate::random::Stream;
+
+crate::parameters! {
+    /// Parameters of [`Rgop`].
+    pub struct RgopParams {
+        /// Iterations per pass. Program: 10.
+        pub iterations: u32 = 10, "1", [1, 1000];
+        /// Lines to fill up to, minus those kept from the scan before. Program: 40.
+        pub lines: u32 = 40, "1", [1, 64];
+        /// At least this many of the fittest lines stay, or a quarter if that is more. Program: 4.
+        pub keep: u32 = 4, "1", [1, 64];
+        /// A line of this many points or fewer is removed. Program: 3.
+        pub tiny: u32 = 3, "1", [0, 100];
+        /// A point belongs to its nearest line if closer than this. Program: 0.2.
+        pub attach_distance_m: f64 = 0.2, "m", [0.001, 10.0];
+        /// Neighbouring returns closer than this become one point. Program: 0.05.
+        pub fuse_distance_m: f64 = 0.05, "m", [0.0, 10.0];
+        /// Weight of the distances against the squared intercept in the fitness, tau of eq. 10. Program: 10.
+        pub fitness_weight: f64 = 10.0, "m", [0.0, 1000.0];
+        /// Power of the number of points in the fitness. Program: 2; eq. 10 prints 1.
+        pub fitness_power: u32 = 2, "1", [1, 2];
+        /// Energy of a point without a line, rho of eq. 2 (read by `as-printed`). Program: 3.
+        pub outlier_penalty: f64 = 3.0, "m", [0.0, 1000.0];
+        /// Which iteration's lines are returned. Program: the last one's, `as-run`.
+        pub selection: Selection = Selection::AsRun, "";
+        /// Passes over each scan, every one starting from the lines of the one before. Program: 6 to 8, by its clock.
+        pub passes_per_scan: u32 = 1, "1", [1, 100];
+    }
+}
+
+/// The line finder.
+#[derive(Debug)]
+pub struct Rgop {
+    params: RgopParams,
+    points: Points,
+    population: Population,
+    best: Population,
+    weights: PairWeights,
+    lines: Vec<Line>,
+}
+
+impl Rgop {
+    /// A finder that has seen no scan yet.
+    #[must_use]
+    pub fn new(params: RgopParams) -> Self {
+        Self {
+            params,
+            points: Points::default(),
+            population: Population::new(),
+            best: Population::new(),
+            weights: PairWeights::default(),
+            lines: Vec::new(),
+        }
+    }
+
+    /// One search from the lines of the last one.
+    fn pass(&mut self, random: &mut Stream) {
+        let kept = self.population.lines().len();
+        let target = (self.params.lines as usize).saturating_sub(kept);
+        self.population.detach(&self.points);
+        let mut lowest = f64::INFINITY;
+        for _ in 0..self.params.iterations {
+            self.iterate(target, random);
+            if self.params.selection == Selection::AsPrinted {
+                lowest = self.keep_lowest(lowest);
+            }
+        }
+    }
+
+    fn iterate(&mut self, target: usize, random: &mut Stream) {
+        let params = &self.params;
+        self.population.sample(&self.points, target, random);
+        self.population.fuse(&self.points);
+        self.population.attach(&self.points, params.attach_distance_m);
+        self.population.select(
+            &self.points,
+            params.tiny,
+            params.keep as usize,
+            params.fitness_weight,
+            params.fitness_power,
+        );
+    }
+
+    /// Goes back to the best lines so far if the present ones are worse; returns the lowest energy.
+    fn keep_lowest(&mut self, lowest: f64) -> f64 {
+        let energy = self.population.energy(&self.weights, self.params.outlier_penalty);
+        if energy < lowest {
+            self.best.clone_from(&self.population);
+            energy
+        } else {
+            self.population.clone_from(&self.best);
+            lowest
+        }
+    }
+}
+
+impl LineFinder for Rgop {
+    fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
+        self.points.read_scan_fused(scan, self.params.fuse_distance_m);
+        if self.params.selection == Selection::AsPrinted {
+            self.weights.compute(&self.points);
+        }
+        self.lines.clear();
+        for _ in 0..self.params.passes_per_scan {
+            self.pass(random);
+            self.lines.extend_from_slice(self.population.lines());
+        }
+        Found { points: &self.points, lines: &self.lines }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::perception::LineFinderSpec;
+    use crate::perception::conformance;
+
+    #[test]
+    fn it_conforms() {
+        conformance::check(&LineFinderSpec::Rgop(RgopParams::default()));
+    }
+
+    #[test]
+    fn it_conforms_as_printed_and_with_several_passes() {
+        let selection = Selection::AsPrinted;
+        conformance::check(&LineFinderSpec::Rgop(RgopParams { selection, passes_per_scan: 3, ..Default::default() }));
+    }
+}

@@ -1,0 +1,121 @@
+//! Fields: plants, rows, and where the robot starts.
+
+pub mod custom;
+pub mod guyonneau2022;
+mod polyline;
+
+use serde::{Deserialize, Serialize};
+
+pub use polyline::{OnLine, Polyline};
+
+use crate::Pose;
+
+furrow_navigation::kinds! {
+    /// Which field the robot drives in.
+    pub enum FieldSpec {
+        /// Crops 1 to 4 of Guyonneau et al. (2022).
+        Guyonneau2022(guyonneau2022::Guyonneau2022Params) = "guyonneau2022",
+        /// A user's own field.
+        Custom(custom::CustomField) = "custom",
+    }
+}
+
+impl FieldSpec {
+    /// The field: a pure function of its parameters and, where these say so, the job's seed.
+    #[must_use]
+    pub fn build(&self, job_seed: u64) -> Field {
+        match self {
+            Self::Guyonneau2022(params) => guyonneau2022::build(params, job_seed),
+            Self::Custom(custom) => custom.build(),
+        }
+    }
+}
+
+/// Where a field's randomness comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FieldSeed {
+    /// The same field for every job: `{"fixed": 1}`.
+    Fixed(u64),
+    /// A field per job seed: `"job"`.
+    Job,
+}
+
+impl FieldSeed {
+    /// The seed to draw the field with.
+    #[must_use]
+    pub const fn resolve(self, job_seed: u64) -> u64 {
+        match self {
+            Self::Fixed(seed) => seed,
+            Self::Job => job_seed,
+        }
+    }
+}
+
+impl furrow_navigation::parameters::ParameterType for FieldSeed {}
+
+/// What grows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlantKind {
+    /// To be kept.
+    Crop,
+    /// Seen by the LiDAR all the same.
+    Weed,
+}
+
+/// A vertical stem.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plant {
+    /// [m]
+    pub x_m: f64,
+    /// [m]
+    pub y_m: f64,
+    /// Radius of the stem [m].
+    pub radius_m: f64,
+    /// [m]
+    pub height_m: f64,
+    /// Crop or weed.
+    pub kind: PlantKind,
+    /// Index of its row; ignored for weeds.
+    #[serde(default)]
+    pub row: u32,
+}
+
+/// A field.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// For people.
+    pub name: String,
+    /// Nominal distance between rows [m].
+    pub row_spacing_m: f64,
+    /// Centre lines of the rows, in the order in which the robot meets them: from its right to its left.
+    pub rows: Vec<Polyline>,
+    /// Middle lines of the inter-rows: number i lies between rows i and i + 1.
+    pub middles: Vec<Polyline>,
+    /// All plants.
+    pub plants: Vec<Plant>,
+    /// The robot at time 0, in the first inter-row.
+    pub start: Pose,
+    /// How many inter-rows the robot is to drive through.
+    pub inter_rows: u32,
+    /// Positions count into the squared error where x lies in this range [m]; none: 1 m inside the row's extent.
+    pub error_range_x_m: Option<[f64; 2]>,
+}
+
+impl Field {
+    /// Middle lines between neighbouring rows.
+    fn middles(rows: &[Polyline]) -> Vec<Polyline> {
+        rows.windows(2).map(|pair| Polyline::middle(&pair[0], &pair[1])).collect()
+    }
+
+    /// Whether the position is a sample of the squared error: inside the rows, away from their ends.
+    #[must_use]
+    pub fn counts_as_inside(&self, x_m: f64, on_middle: &OnLine) -> bool {
+        match self.error_range_x_m {
+            Some([from, to]) => (from..=to).contains(&x_m),
+            None => on_middle.is_inside(1.0),
+        }
+    }
+}
