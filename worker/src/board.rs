@@ -248,3 +248,6 @@ fn report_bytes(run: &RunReport) -> usize {
         RunEnd::HandedBack => 0,
     }
 }
+
+#[cfg(test)]
+mod tests;

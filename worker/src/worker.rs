@@ -197,3 +197,6 @@ impl From<AskError> for WorkerError {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -211,3 +211,6 @@ impl Link for ZenohLink {
         self.ask(Method::Renew, &call).await
     }
 }
+
+#[cfg(test)]
+mod tests;

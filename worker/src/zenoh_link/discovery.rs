@@ -13,8 +13,6 @@ use super::{ConnectConfig, ConnectError};
 
 /// Once somebody answered a scout, others have this long to answer, too.
 const STRAGGLERS: Duration = Duration::from_millis(300);
-/// A party that answered a scout must accept a connection within this time.
-const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Pause between two looks at an endpoint where no coordinator serves yet.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 /// The one transport that is compiled in.
@@ -59,7 +57,13 @@ fn nobody(config: &ConnectConfig, patience: Duration) -> ConnectError {
 /// Waits at one endpoint until a coordinator serves there.
 async fn at(endpoint: &str, namespace: &str) -> Result<Found, ConnectError> {
     check_endpoint(endpoint)?;
-    let session = open(&[endpoint.to_owned()]).await.map_err(session_error)?;
+    let session = loop {
+        match open(&[endpoint.to_owned()]).await {
+            Ok(session) => break session,
+            Err(error) => tracing::debug!(%error, endpoint, "trying again"),
+        }
+        tokio::time::sleep(LOOK_AGAIN).await;
+    };
     loop {
         let found = coordinators(&session, namespace).await;
         match found.as_slice() {
@@ -126,7 +130,7 @@ async fn scout(lan: bool) -> Result<BTreeMap<String, Vec<String>>, ConnectError>
 async fn coordinator_at(locators: &[String], namespace: &str) -> Option<Found> {
     let locators: Vec<String> = locators.iter().filter(|locator| check_endpoint(locator).is_ok()).cloned().collect();
     let endpoint = locators.first()?.clone();
-    let session = timeout(CONNECT_TIMEOUT, open(&locators)).await.ok()?.ok()?;
+    let session = open(&locators).await.ok()?;
     let coordinator = coordinators(&session, namespace).await.into_iter().next()?;
     Some(Found { session, endpoint, coordinator })
 }

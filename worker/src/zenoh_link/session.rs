@@ -5,11 +5,15 @@ use std::time::Duration;
 use furrow_schema::id::WorkerId;
 use furrow_schema::protocol::{KEY_PREFIX, coordinator_key};
 use serde_json::{Value, json};
-use zenoh::Session;
 use zenoh::config::Config;
+use zenoh::{Session, Wait};
 
 /// Coordinators answer a question about their liveliness within this time.
 const ROLL_CALL: Duration = Duration::from_secs(2);
+/// One attempt to open a session takes no longer.
+const OPEN_ATTEMPT: Duration = Duration::from_millis(1_500);
+/// A peer that shows no life for this long is taken for dead.
+const LINK_LEASE: Duration = Duration::from_secs(2);
 
 /// The key of the liveliness token that `worker` holds while it lives.
 pub(super) fn worker_key(namespace: &str, coordinator: &str, worker: &WorkerId) -> String {
@@ -25,21 +29,24 @@ pub(super) fn configure(settings: &[(&str, Value)]) -> Result<Config, zenoh::Err
     Ok(config)
 }
 
-/// Opens a client session with the one party that these endpoints lead to. It waits until one of them answers,
-/// and connects again after a break.
+/// Opens a client session with the one party that these endpoints lead to. It connects again after a break.
+///
+/// Opening blocks its thread and cannot be cancelled, so each attempt is short and has a thread for it. Zenoh's own
+/// unbounded wait (`timeout_ms: -1`) would hold that thread, and with it the end of the process, for ever; the
+/// connection after a break does not depend on it.
 pub(super) async fn open(endpoints: &[String]) -> Result<Session, zenoh::Error> {
     let config = configure(&[
         ("mode", json!("client")),
         ("connect/endpoints", json!(endpoints)),
-        ("connect/timeout_ms", json!(-1)),
+        ("connect/timeout_ms", json!(OPEN_ATTEMPT.as_millis() as u64)),
         ("connect/exit_on_failure", json!(false)),
-        ("connect/retry", json!({"period_init_ms": 200, "period_max_ms": 2_000, "period_increase_factor": 2})),
+        ("connect/retry", json!({"period_init_ms": 100, "period_max_ms": 2_000, "period_increase_factor": 2})),
         ("listen/endpoints", json!([])),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
-        ("transport/link/tx/lease", json!(2_000)),
+        ("transport/link/tx/lease", json!(LINK_LEASE.as_millis() as u64)),
     ])?;
-    zenoh::open(config).await
+    tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await?
 }
 
 /// The ids of all coordinators of `namespace` that this session reaches, in order.

@@ -1,0 +1,170 @@
+//! What the board hands out and what it answers.
+
+use furrow_schema::id::ScenarioId;
+
+use super::*;
+use crate::scenarios::Scenarios;
+use crate::scripted::record_of;
+
+fn scenario() -> Option<Arc<HeldScenario<()>>> {
+    let mut scenarios = Scenarios::new();
+    let text = furrow_schema::protocol::ScenarioText { id: ScenarioId(1), json: String::new() };
+    scenarios.learn(vec![text]);
+    scenarios.get(ScenarioId(1))
+}
+
+fn lease(job: i64) -> LeasedJob {
+    LeasedJob { job: JobId(job), attempt: 1, scenario: ScenarioId(1), seed: 1, record: false, alone: false }
+}
+
+fn alone(job: i64) -> LeasedJob {
+    LeasedJob { alone: true, ..lease(job) }
+}
+
+fn board_with(threads: usize, leases: impl IntoIterator<Item = LeasedJob>) -> Board<()> {
+    let mut board = Board::new(threads);
+    leases.into_iter().for_each(|lease| board.add(lease, scenario()));
+    board
+}
+
+fn done() -> RunEnd {
+    RunEnd::Done(record_of(1))
+}
+
+fn run_one(board: &mut Board<()>, took: Duration) {
+    let work = board.take().unwrap();
+    board.finish(&work.lease, done(), took);
+}
+
+#[test]
+fn a_first_claim_is_for_one_job_a_thread() {
+    assert_eq!(board_with(3, []).want(), 3);
+    assert_eq!(board_with(3, [lease(1), lease(2)]).want(), 3);
+    assert_eq!(board_with(3, [lease(1), lease(2), lease(3)]).want(), 0);
+}
+
+#[test]
+fn a_batch_is_two_seconds_of_work_within_its_limits() {
+    let want_after = |took_ms| {
+        let mut board = board_with(2, [lease(1)]);
+        run_one(&mut board, Duration::from_millis(took_ms));
+        board.want()
+    };
+    assert_eq!(want_after(100), 40);
+    assert_eq!(want_after(60_000), 2);
+    assert_eq!(want_after(0), MAX_CLAIM);
+}
+
+#[test]
+fn threads_beyond_the_work_are_not_engaged() {
+    let mut board = board_with(4, [lease(1), lease(2)]);
+    assert_eq!(board.engage(), 2);
+    board.add(lease(3), scenario());
+    assert_eq!(board.engage(), 2, "three waiting jobs and two free threads");
+    assert_eq!(board.engage(), 0);
+}
+
+#[test]
+fn a_thread_that_found_nothing_can_be_engaged_again() {
+    let mut board = board_with(1, [lease(1)]);
+    assert_eq!(board.engage(), 1);
+    run_one(&mut board, Duration::ZERO);
+    assert!(board.take().is_none());
+    board.add(lease(2), scenario());
+    assert_eq!(board.engage(), 1);
+}
+
+#[test]
+fn a_run_that_must_be_alone_waits_for_the_others_and_holds_up_those_behind() {
+    let mut board = board_with(2, [lease(1), alone(2), lease(3)]);
+    assert_eq!(board.engage(), 2);
+    let first = board.take().unwrap();
+    assert!(board.take().is_none(), "it may not start yet");
+    board.finish(&first.lease, done(), Duration::ZERO);
+    let second = board.take().unwrap();
+    assert_eq!(second.lease.job, JobId(2));
+    assert!(board.take().is_none(), "nothing starts beside it");
+    board.finish(&second.lease, done(), Duration::ZERO);
+    assert_eq!(board.engage(), 1);
+    assert_eq!(board.take().unwrap().lease.job, JobId(3));
+}
+
+#[test]
+fn a_lease_that_is_held_already_is_ignored_and_another_attempt_is_not() {
+    let mut board = board_with(1, [lease(1), lease(1), LeasedJob { attempt: 2, ..lease(1) }]);
+    assert_eq!(board.held().len(), 2);
+    run_one(&mut board, Duration::ZERO);
+    board.add(lease(1), scenario());
+    assert_eq!(board.held().len(), 2, "it ended, and is not acknowledged yet");
+}
+
+#[test]
+fn a_run_is_held_until_it_is_acknowledged() {
+    let mut board = board_with(1, [lease(1)]);
+    assert!(!board.held()[0].running);
+    let work = board.take().unwrap();
+    assert!(board.held()[0].running);
+    board.finish(&work.lease, done(), Duration::ZERO);
+    let runs = board.take_ended();
+    assert!(!board.held()[0].running);
+    board.forget(&runs);
+    assert!(board.held().is_empty());
+}
+
+#[test]
+fn a_closed_board_hands_everything_back() {
+    let mut board = board_with(2, [lease(1), lease(2)]);
+    let work = board.take().unwrap();
+    board.close();
+    assert!(work.stop.load(Ordering::Relaxed));
+    board.add(lease(3), scenario());
+    assert_eq!((board.want(), board.engage()), (0, 0));
+    board.finish(&work.lease, RunEnd::HandedBack, Duration::ZERO);
+    board.claims_ended();
+    assert!(board.is_idle() && !board.is_drained());
+    assert!(board.take_ended().iter().all(|run| run.ended == RunEnd::HandedBack));
+    assert!(board.is_drained());
+}
+
+#[test]
+fn a_lost_job_is_dropped_or_told_to_stop_and_others_stay() {
+    let mut board = board_with(2, [lease(1), lease(2), lease(3)]);
+    let running = board.take().unwrap();
+    board.lose(&[JobId(1), JobId(2)]);
+    assert!(running.stop.load(Ordering::Relaxed));
+    assert_eq!(board.take().unwrap().lease.job, JobId(3));
+}
+
+#[test]
+fn a_run_that_ends_after_it_was_abandoned_is_not_reported_twice() {
+    let mut board = board_with(1, [lease(1)]);
+    let work = board.take().unwrap();
+    board.close();
+    board.claims_ended();
+    board.abandon();
+    assert!(board.is_idle());
+    board.finish(&work.lease, done(), Duration::ZERO);
+    assert_eq!(board.take_ended().len(), 1);
+    assert!(board.is_drained());
+}
+
+#[test]
+fn a_job_without_its_scenario_is_charged_with_the_reason() {
+    let mut board = Board::<()>::new(1);
+    board.add(lease(1), None);
+    let ended = board.take_ended().remove(0).ended;
+    assert!(matches!(ended, RunEnd::Panicked { message } if message.contains("scenario 1")));
+}
+
+#[test]
+fn a_report_stays_within_its_size_and_holds_at_least_one_run() {
+    let mut board = board_with(1, (1..=3).map(lease));
+    for _ in 0..3 {
+        let work = board.take().unwrap();
+        let trajectory = Some("0".repeat(MAX_REPORT_BYTES * 2 / 3));
+        let ended = RunEnd::Done(furrow_schema::job::RunRecord { trajectory, ..record_of(1) });
+        board.finish(&work.lease, ended, Duration::ZERO);
+    }
+    let sizes: Vec<usize> = (0..4).map(|_| board.take_ended().len()).collect();
+    assert_eq!(sizes, [1, 1, 1, 0]);
+}

@@ -1,0 +1,185 @@
+//! The link over real Zenoh sessions, against a coordinator that answers by rote.
+
+use furrow_schema::id::{Credential, EngineId, RequestId};
+use furrow_schema::protocol::{KEY_PREFIX, Refusal, coordinator_key};
+use serde_json::json;
+use zenoh::handlers::FifoChannelHandler;
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::{Sample, SampleKind};
+
+use super::*;
+
+/// Answers every claim with a retry time of 7 ms and everything else with a refusal.
+struct Coordinator {
+    session: Session,
+    endpoint: String,
+    namespace: String,
+    _token: LivelinessToken,
+    _queryable: Queryable<()>,
+}
+
+impl Coordinator {
+    async fn serve(namespace: &str, id: &str, endpoint: &str) -> Self {
+        let config = session::configure(&[
+            ("mode", json!("peer")),
+            ("listen/endpoints", json!([endpoint])),
+            ("scouting/multicast/interface", json!("127.0.0.1")),
+            ("scouting/multicast/autoconnect", json!({"peer": [], "router": [], "client": []})),
+        ])
+        .unwrap();
+        let session = zenoh::open(config).await.unwrap();
+        let token = session.liveliness().declare_token(coordinator_key(namespace, id)).await.unwrap();
+        let questions = format!("{KEY_PREFIX}/{namespace}/{id}/*");
+        let queryable = session.declare_queryable(questions).complete(true).callback(answer).await.unwrap();
+        Self {
+            session,
+            endpoint: endpoint.to_owned(),
+            namespace: namespace.to_owned(),
+            _token: token,
+            _queryable: queryable,
+        }
+    }
+
+    fn config(&self) -> ConnectConfig {
+        let endpoint = Some(self.endpoint.clone());
+        ConnectConfig { endpoint, namespace: self.namespace.clone(), ..ConnectConfig::default() }
+    }
+
+    async fn workers(&self) -> zenoh::pubsub::Subscriber<FifoChannelHandler<Sample>> {
+        let workers = format!("{KEY_PREFIX}/{}/*/worker/*", self.namespace);
+        self.session.liveliness().declare_subscriber(workers).history(true).await.unwrap()
+    }
+}
+
+fn answer(query: Query) {
+    let payload = if query.key_expr().ends_with("/claim") {
+        serde_json::to_vec(&Reply::Ok(Leases { retry_after_ms: 7, ..Leases::default() }))
+    } else if query.key_expr().ends_with("/hello") {
+        serde_json::to_vec(&Reply::Ok(Welcome { lease_ms: 1, renew_every_ms: 1 }))
+    } else if query.key_expr().ends_with("/renew") {
+        Ok(b"neither JSON nor an answer".to_vec())
+    } else {
+        serde_json::to_vec(&Reply::<Recorded>::Refused(Refusal::BadCredential))
+    };
+    zenoh::Wait::wait(query.reply(query.key_expr(), payload.unwrap())).unwrap();
+}
+
+fn call<T>(body: T) -> Call<T> {
+    Call { request: RequestId::random(), worker: WorkerId::random(), credential: Credential::random(), body }
+}
+
+fn claim() -> Call<Claim> {
+    call(Claim { engine: EngineId([1; 32]), want: 1, known_scenarios: Vec::new() })
+}
+
+fn hello() -> Call<Hello> {
+    call(Hello { name: "host".to_owned(), engine: EngineId([1; 32]), threads: 1 })
+}
+
+/// Tests run at the same time on one machine: each has its own namespace.
+fn own_namespace() -> String {
+    RequestId::random().as_str().to_owned()
+}
+
+/// An endpoint on a port that was free a moment ago: Zenoh does not tell which one it took.
+fn own_endpoint() -> String {
+    format!("tcp/{}", std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn questions_are_answered_refused_or_unreadable() {
+    let coordinator = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
+    let link = ZenohLink::connect(coordinator.config()).await.unwrap();
+    assert_eq!(link.coordinator().await, "c1");
+    assert!(matches!(link.claim(claim()).await, Ok(Reply::Ok(Leases { retry_after_ms: 7, .. }))));
+    let report = call(Report { engine: EngineId([1; 32]), runs: Vec::new() });
+    assert_eq!(link.result(report).await, Ok(Reply::Refused(Refusal::BadCredential)));
+    assert!(matches!(link.renew(call(Renew { held: Vec::new() })).await, Err(LinkError::Unreadable(_))));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_coordinator_is_found_by_scouting_among_others() {
+    let _other = Coordinator::serve(&own_namespace(), "other", &own_endpoint()).await;
+    let coordinator = Coordinator::serve(&own_namespace(), "wanted", &own_endpoint()).await;
+    let link = ZenohLink::connect(ConnectConfig { endpoint: None, ..coordinator.config() }).await.unwrap();
+    assert_eq!(link.coordinator().await, "wanted");
+    assert!(link.claim(claim()).await.is_ok());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn two_coordinators_of_one_namespace_are_not_chosen_between() {
+    let namespace = own_namespace();
+    let first = Coordinator::serve(&namespace, "c1", &own_endpoint()).await;
+    let second = Coordinator::serve(&namespace, "c2", &own_endpoint()).await;
+    let scouting = ConnectConfig { endpoint: None, namespace, ..ConnectConfig::default() };
+    match ZenohLink::connect(scouting).await.err() {
+        Some(ConnectError::Ambiguous { endpoints }) => {
+            assert!(endpoints.contains(&first.endpoint) && endpoints.contains(&second.endpoint));
+        }
+        other => panic!("expected to be asked to choose, got {other:?}"),
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn without_a_coordinator_the_search_ends_with_advice() {
+    let nowhere = ConnectConfig {
+        namespace: own_namespace(),
+        patience: Some(Duration::from_millis(400)),
+        ..ConnectConfig::default()
+    };
+    let closed_port = ConnectConfig { endpoint: Some("tcp/127.0.0.1:1".to_owned()), ..nowhere.clone() };
+    for config in [nowhere, closed_port] {
+        let message = ZenohLink::connect(config).await.err().unwrap().to_string();
+        assert!(message.contains("furrow serve") && message.contains("--connect"), "{message}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn malformed_endpoints_and_namespaces_are_named() {
+    for endpoint in
+        ["", "nonsense", "tcp/", "tcp/127.0.0.1", "tcp/127.0.0.1:0", "tcp/:7447", "udp/127.0.0.1:1", "tcp/h:x"]
+    {
+        let config = ConnectConfig { endpoint: Some(endpoint.to_owned()), ..ConnectConfig::default() };
+        match ZenohLink::connect(config).await.err() {
+            Some(ConnectError::BadEndpoint { endpoint: named, .. }) => assert_eq!(named, endpoint),
+            other => panic!("`{endpoint}` gave {other:?}"),
+        }
+    }
+    for namespace in ["", "a/b", "*", "$*", "a b"] {
+        let config = ConnectConfig { namespace: namespace.to_owned(), ..ConnectConfig::default() };
+        assert_eq!(ZenohLink::connect(config).await.err(), Some(ConnectError::BadNamespace(namespace.to_owned())));
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_dead_coordinator_does_not_answer_and_its_successor_is_found_on_the_same_port() {
+    let first = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
+    let (namespace, endpoint) = (first.namespace.clone(), first.endpoint.clone());
+    let link = ZenohLink::connect(first.config()).await.unwrap();
+    first.session.close().await.unwrap();
+    assert!(matches!(link.claim(claim()).await, Err(LinkError::NoAnswer(_))));
+
+    let _second = Coordinator::serve(&namespace, "c2", &endpoint).await;
+    let answered = async {
+        while link.claim(claim()).await.is_err() {
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(10), answered).await.unwrap();
+    assert_eq!(link.coordinator().await, "c2");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_coordinator_sees_a_worker_come_and_go() {
+    let coordinator = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
+    let workers = coordinator.workers().await;
+    let link = ZenohLink::connect(coordinator.config()).await.unwrap();
+    let call = hello();
+    let worker = call.worker.clone();
+    link.hello(call).await.unwrap();
+    let seen = workers.recv_async().await.unwrap();
+    assert_eq!((seen.kind(), seen.key_expr().as_str().rsplit('/').next()), (SampleKind::Put, Some(worker.as_str())));
+    link.close().await;
+    assert_eq!(workers.recv_async().await.unwrap().kind(), SampleKind::Delete);
+    assert_eq!(link.claim(claim()).await, Err(LinkError::Closed));
+}
