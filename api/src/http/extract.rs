@@ -49,15 +49,22 @@ fn unread(rejection: BytesRejection) -> Problem {
     }
 }
 
+/// Reads an object. A list would do for serde too, and nobody means that.
 fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    if bytes.trim_ascii_start().first().is_some_and(|byte| *byte != b'{') {
+        return Err(Problem::bad_request("the body must be a JSON object"));
+    }
     let mut reader = serde_json::Deserializer::from_slice(bytes);
-    let value = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
-        let path = error.path().to_string();
-        let problem = Problem::bad_request(format!("the body cannot be read: {}", error.inner()));
-        if path == "." { problem } else { problem.at(path) }
-    })?;
+    let value = serde_path_to_error::deserialize(&mut reader).map_err(unreadable)?;
     reader.end().map_err(|error| Problem::bad_request(format!("the body goes on after its JSON: {error}")))?;
     Ok(value)
+}
+
+/// Names the key where a value is wrong; where it is no JSON at all, line and column say enough.
+fn unreadable(error: serde_path_to_error::Error<serde_json::Error>) -> Problem {
+    let path = error.path().to_string();
+    let problem = Problem::bad_request(format!("the body cannot be read: {}", error.inner()));
+    if error.inner().is_data() && path != "." { problem.at(path) } else { problem }
 }
 
 /// A request's query, taken apart parameter by parameter; one that nobody took is an error.
