@@ -35,3 +35,29 @@ pub fn rerun(scenario_json: &str, seed: u64) -> Result<(RunResult, Vec<Pose>), R
     })
     .map_err(|panic| ReplayError::Panicked(panic_message(panic.as_ref())))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::runner::tests::SHORT_RUN;
+    use crate::{Order, Runner, Simulator, trajectory};
+
+    #[test]
+    fn a_job_that_is_run_again_has_the_same_digest_and_path() {
+        let scenario = Simulator.read(SHORT_RUN).unwrap();
+        let order = Order { seed: 3, record: true, alone: false };
+        let record = Simulator.run(&scenario, order, &AtomicBool::new(false)).unwrap();
+        let (result, path) = rerun(SHORT_RUN, 3).unwrap();
+        assert_eq!(result.digest, record.digest.0);
+        let stored = trajectory::decode(&record.trajectory.unwrap()).unwrap();
+        assert_eq!(stored.len(), path.len());
+        assert!(stored.iter().zip(&path).all(|(stored, pose)| (stored.x_m - pose.x_m).abs() < 5e-5));
+    }
+
+    #[test]
+    fn a_scenario_that_cannot_be_run_is_an_error() {
+        assert!(matches!(rerun("{}", 1), Err(ReplayError::Scenario(message)) if message.contains("field")));
+    }
+}

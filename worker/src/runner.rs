@@ -106,3 +106,57 @@ impl Probe for Watcher<'_> {
         self.stop.load(Ordering::Relaxed)
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Ten simulated seconds of the second crop.
+    pub(crate) const SHORT_RUN: &str = r#"{
+        "field": {"kind": "guyonneau2022", "crop": 2, "seed": "job"}, "robot": {"kind": "two-wheeled"},
+        "sensors": {"kind": "two-planar-lidars"}, "perception": {"kind": "rgop"},
+        "localization": {"kind": "row-filter"}, "control": {"kind": "fuzzy"}, "mission": {"kind": "row-by-row"},
+        "observer": {"kind": "inter-rows"}, "limits": {"kind": "simulated-time", "max_time_s": 10}
+    }"#;
+
+    fn run(seed: u64, record: bool, stop: bool) -> Option<RunRecord> {
+        let scenario = Simulator.read(SHORT_RUN).unwrap();
+        Simulator.run(&scenario, Order { seed, record, alone: true }, &AtomicBool::new(stop))
+    }
+
+    #[test]
+    fn one_job_on_two_threads_gives_one_digest_and_another_seed_another() {
+        let other_thread = std::thread::spawn(|| run(1, false, false).unwrap());
+        let here = run(1, false, false).unwrap();
+        let there = other_thread.join().unwrap();
+        assert_eq!((here.digest, &here.metrics, &here.outcome), (there.digest, &there.metrics, &there.outcome));
+        assert_ne!(here.digest, run(2, false, false).unwrap().digest);
+    }
+
+    #[test]
+    fn a_record_carries_times_and_a_trajectory_only_on_request() {
+        let record = run(1, true, false).unwrap();
+        let path = trajectory::decode(record.trajectory.as_deref().unwrap()).unwrap();
+        assert_eq!(path.len(), 201, "20 Hz over 10 s, both ends");
+        assert!(record.timings.alone && record.timings.metrics["line_finding_time_ms"] > 0.0);
+        assert!(record.timings.parts.iter().any(|part| part.part == "scan" && part.calls > 100));
+        assert_eq!(run(1, false, false).unwrap().trajectory, None);
+    }
+
+    #[test]
+    fn watching_does_not_change_the_run() {
+        assert_eq!(run(1, true, false).unwrap().digest, run(1, false, false).unwrap().digest);
+    }
+
+    #[test]
+    fn a_stopped_run_has_no_record() {
+        assert_eq!(run(1, false, true), None);
+    }
+
+    #[test]
+    fn a_scenario_that_cannot_be_run_is_refused_by_its_key() {
+        let broken = SHORT_RUN.replace("fuzzy", "wise");
+        assert!(Simulator.read(&broken).unwrap_err().contains("control.kind"));
+        assert!(Simulator.read("{").unwrap_err().contains("not JSON"));
+    }
+}
