@@ -11,6 +11,9 @@ use crate::store::worker::Known;
 /// Where an answer to a worker goes.
 pub(crate) type Answer<T> = oneshot::Sender<Reply<T>>;
 
+/// Where an answer to anybody else goes.
+pub(crate) type Outcome<T> = oneshot::Sender<Result<T, StoreError>>;
+
 /// Something that changes the database.
 #[derive(Debug)]
 pub(crate) enum Command {
@@ -18,8 +21,8 @@ pub(crate) enum Command {
     Claim(Call<Claim>, Answer<Leases>),
     Result(Call<Report>, Answer<Recorded>),
     Renew(Call<Renew>, Answer<Renewed>),
-    Submit(Box<NewSweep>, oneshot::Sender<Result<Submitted, StoreError>>),
-    KeepHouse(oneshot::Sender<Result<(), StoreError>>),
+    Submit(Box<NewSweep>, Outcome<Submitted>),
+    KeepHouse(Outcome<()>),
 }
 
 /// The commands that share a transaction, by kind.
@@ -28,8 +31,8 @@ pub(crate) struct Batch {
     pub(crate) hellos: Vec<(Call<Hello>, Answer<Welcome>)>,
     pub(crate) results: Vec<(Call<Report>, Answer<Recorded>)>,
     pub(crate) renewals: Vec<(Call<Renew>, Answer<Renewed>)>,
-    pub(crate) housekeeping: Vec<oneshot::Sender<Result<(), StoreError>>>,
-    pub(crate) submissions: Vec<(Box<NewSweep>, oneshot::Sender<Result<Submitted, StoreError>>)>,
+    pub(crate) housekeeping: Vec<Outcome<()>>,
+    pub(crate) submissions: Vec<(Box<NewSweep>, Outcome<Submitted>)>,
     pub(crate) claims: Vec<(Call<Claim>, Answer<Leases>)>,
 }
 

@@ -17,7 +17,7 @@ const MAX_PARTS: usize = 64;
 const MAX_TRAJECTORY_DIGITS: usize = 8 << 20;
 const MAX_PANIC_BYTES: usize = 64 << 10;
 
-/// A panic's message is stored up to this length [characters].
+/// A panic's message is stored up to this length \[characters\].
 pub(crate) const PANIC_CHARS_KEPT: usize = 2_000;
 
 type Checked = Result<(), Refusal>;

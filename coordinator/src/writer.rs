@@ -197,3 +197,119 @@ pub(crate) async fn keep_house(commands: mpsc::WeakSender<Command>, stop: Cancel
         let _ = answered.await;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use furrow_schema::protocol::{LeasedJob, Report, RunReport};
+    use futures::future::join_all;
+
+    use super::*;
+    use crate::testing::{Bench, ENGINE, Worker, done, sweep};
+    use crate::view::JobFilter;
+
+    async fn finish(worker: &Worker, coordinator: &crate::Coordinator, job: LeasedJob) -> Reply<Recorded> {
+        let runs = vec![RunReport { job: job.job, attempt: job.attempt, ended: done(job.seed as f64) }];
+        coordinator.result(worker.call(Report { engine: ENGINE, runs })).await
+    }
+
+    #[tokio::test]
+    async fn many_at_once_are_all_answered() {
+        let bench = Bench::new().await;
+        let submitted = bench.submit(sweep(&["rgop", "rg"], 300)).await;
+        let worker = bench.worker().await;
+        let claims = (0..12).map(|_| worker.claim(50));
+        let jobs: Vec<_> = join_all(claims).await.into_iter().flatten().collect();
+        assert_eq!(jobs.len(), 600);
+        let answers = join_all(jobs.into_iter().map(|job| finish(&worker, &bench.coordinator, job))).await;
+        assert!(answers.into_iter().all(|answer| answer.into_result().unwrap().recorded.len() == 1));
+        let sweep = bench.sweep(submitted.id).await;
+        assert_eq!((sweep.done, sweep.queued), (600, 0));
+        bench.assert_consistent().await;
+    }
+
+    #[tokio::test]
+    async fn a_command_that_the_database_refuses_spoils_no_other() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 3)).await;
+        let worker = bench.worker().await;
+        let jobs = worker.claim(3).await;
+        sqlx::query(
+            "create trigger sabotage before insert on result when new.job_id = 2 begin select raise(abort, 'no'); end",
+        )
+        .execute(bench.store.writer())
+        .await
+        .unwrap();
+        let answers = join_all(jobs.into_iter().map(|job| finish(&worker, &bench.coordinator, job))).await;
+        let accepted: Vec<_> = answers.iter().map(|answer| matches!(answer, Reply::Ok(_))).collect();
+        assert_eq!(accepted, [true, false, true]);
+        assert!(matches!(&answers[1], Reply::Refused(Refusal::Unavailable { .. })));
+        bench.assert_consistent().await;
+    }
+
+    #[tokio::test]
+    async fn the_bell_rings_for_results_and_not_for_empty_claims() {
+        let bench = Bench::new().await;
+        let worker = bench.worker().await;
+        let mut changed = bench.coordinator.changed();
+        changed.mark_unchanged();
+        worker.claim(1).await;
+        assert!(!changed.has_changed().unwrap());
+        bench.submit(sweep(&["rgop"], 1)).await;
+        assert!(changed.has_changed().unwrap());
+        changed.mark_unchanged();
+        let job = worker.claim(1).await.remove(0);
+        worker.ended(&job, done(1.0)).await;
+        assert!(changed.has_changed().unwrap());
+    }
+
+    #[tokio::test]
+    async fn a_reopened_file_goes_on_where_it_stood() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("furrow.db");
+        let first = Bench::over(Store::open(&path).await.unwrap());
+        let submitted = first.submit(sweep(&["rgop"], 3)).await;
+        let worker = first.worker().await;
+        let call = worker.claim_call(2);
+        let leases = first.coordinator.claim(call.clone()).await.into_result().unwrap();
+        worker.ended(&leases.jobs[0], done(1.0)).await;
+        first.coordinator.shutdown().await;
+        assert!(matches!(first.coordinator.keep_house().await, Err(StoreError::Closed)));
+        let log = path.with_extension("db-wal");
+        assert!(!log.exists(), "all of it is in the one file");
+
+        let second = Bench::over(Store::open(&path).await.unwrap());
+        assert_eq!(second.coordinator.id(), first.coordinator.id());
+        let again = second.coordinator.claim(call).await.into_result().unwrap();
+        assert_eq!(again.jobs, leases.jobs[1..], "a claim repeated over a restart gets the same jobs");
+        let sweep = second.sweep(submitted.id).await;
+        assert_eq!((sweep.done, sweep.leased, sweep.queued), (1, 1, 1));
+        let page = second.coordinator.jobs(&JobFilter::default()).await.unwrap();
+        assert_eq!(page.items.len(), 3);
+        second.assert_consistent().await;
+        second.coordinator.shutdown().await;
+    }
+
+    #[tokio::test]
+    async fn who_asks_after_a_shutdown_is_refused() {
+        let bench = Bench::new().await;
+        let worker = bench.worker().await;
+        bench.coordinator.shutdown().await;
+        let refused = bench.coordinator.claim(worker.claim_call(1)).await.into_result().unwrap_err();
+        assert!(matches!(refused, Refusal::Unavailable { .. }));
+        assert!(matches!(bench.coordinator.submit(sweep(&["rgop"], 1)).await, Err(StoreError::Closed)));
+    }
+
+    #[tokio::test]
+    async fn rate_and_time_left_follow_the_clock() {
+        let bench = Bench::new().await;
+        let id = bench.submit(sweep(&["rgop"], 30)).await.id;
+        let worker = bench.worker().await;
+        assert_eq!((bench.sweep(id).await.rate_per_s, bench.sweep(id).await.eta_s), (None, None));
+        bench.clock.advance(5_000);
+        for job in worker.claim(10).await {
+            worker.ended(&job, done(1.0)).await;
+        }
+        let sweep = bench.sweep(id).await;
+        assert_eq!((sweep.rate_per_s, sweep.eta_s), (Some(2.0), Some(10.0)));
+    }
+}

@@ -78,7 +78,7 @@ impl From<zenoh::Error> for ZenohError {
     }
 }
 
-/// A link whose other end is silent for this long is given up [ms].
+/// A link whose other end is silent for this long is given up \[ms\].
 const LINK_LEASE_MS: u32 = 2_000;
 /// The address by which the loopback interface is named.
 const LOOPBACK: &str = "\"127.0.0.1\"";

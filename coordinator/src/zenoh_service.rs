@@ -133,3 +133,6 @@ async fn answer(coordinator: Arc<Coordinator>, method: Method, query: Query) {
         tracing::debug!(%error, method = method.as_str(), "an answer could not be sent");
     }
 }
+
+#[cfg(test)]
+mod tests;

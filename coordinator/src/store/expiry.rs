@@ -50,3 +50,66 @@ pub(crate) async fn expire(
     }
     Ok(rows.len())
 }
+
+#[cfg(test)]
+mod tests {
+    use furrow_schema::job::JobState;
+    use furrow_schema::protocol::LEASE_MS;
+
+    use crate::testing::{Bench, sweep};
+    use crate::view::AttemptEnd;
+
+    async fn one_job() -> Bench {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 1)).await;
+        bench
+    }
+
+    #[tokio::test]
+    async fn a_lease_that_nobody_renews_is_taken_back() {
+        let bench = one_job().await;
+        let (silent, other) = (bench.worker().await, bench.worker().await);
+        let job = silent.claim(1).await.remove(0);
+        bench.pass(LEASE_MS - 1).await;
+        assert!(other.claim(1).await.is_empty(), "the lease still holds");
+        bench.pass(1).await;
+        assert_eq!(other.claim(1).await[0].attempt, 2);
+        assert_eq!(silent.renew(std::slice::from_ref(&job), true).await.lost, [job.job]);
+        bench.assert_consistent().await;
+    }
+
+    #[tokio::test]
+    async fn workers_that_die_of_a_job_are_charged_to_it() {
+        let bench = one_job().await;
+        let mut last = None;
+        for _ in 0..3 {
+            let worker = bench.worker().await;
+            let job = worker.claim(1).await.remove(0);
+            worker.renew(std::slice::from_ref(&job), true).await;
+            bench.pass(LEASE_MS).await;
+            last = Some(job);
+        }
+        let detail = bench.job(&last.unwrap()).await;
+        assert_eq!(detail.state, JobState::Failed);
+        assert!(detail.attempts.iter().all(|attempt| attempt.end == AttemptEnd::Died));
+        assert_eq!(detail.attempts.len(), 3);
+        bench.assert_consistent().await;
+    }
+
+    #[tokio::test]
+    async fn prefetched_jobs_are_not_charged() {
+        let bench = one_job().await;
+        for attempt in 1..=6 {
+            let worker = bench.worker().await;
+            let job = worker.claim(1).await.remove(0);
+            assert_eq!(job.attempt, attempt);
+            worker.renew(&[job], false).await;
+            bench.pass(LEASE_MS).await;
+        }
+        let job = bench.worker().await.claim(1).await.remove(0);
+        let detail = bench.job(&job).await;
+        assert!(detail.attempts[..6].iter().all(|attempt| attempt.end == AttemptEnd::Expired));
+        assert_eq!(detail.attempts[6].end, AttemptEnd::Open);
+        bench.assert_consistent().await;
+    }
+}

@@ -78,3 +78,85 @@ impl Row {
 pub(crate) fn state_of(word: &str) -> Result<JobState, StoreError> {
     JobState::from_word(word).ok_or_else(|| StoreError::Damaged(format!("a job's state is `{word}`")))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use furrow_schema::sweep::NewSweep;
+
+    use super::*;
+    use crate::testing::{Bench, done, sweep};
+    use crate::view::JobRef;
+
+    async fn keys(bench: &Bench, filter: &JobFilter) -> Vec<(i64, u64)> {
+        let page = bench.coordinator.jobs(filter).await.unwrap();
+        page.items.iter().map(|item| (item.cell.0, item.seed)).collect()
+    }
+
+    #[tokio::test]
+    async fn pages_follow_each_other_without_gap_or_repetition() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 3)).await;
+        let id = bench.submit(sweep(&["rg", "rgop", "lsq"], 7)).await.id;
+        let mut filter = JobFilter { sweep: Some(id), limit: 4, ..JobFilter::default() };
+        let mut seen = Vec::new();
+        loop {
+            let page = bench.coordinator.jobs(&filter).await.unwrap();
+            assert!(page.items.len() <= 4);
+            seen.extend(page.items.iter().map(|item| (item.factors["algorithm"].clone(), item.seed)));
+            let Some(next) = page.next else { break };
+            filter.after = Some(next.to_string().parse().unwrap());
+        }
+        let expected: Vec<_> =
+            ["rg", "rgop", "lsq"].iter().flat_map(|label| (1..=7).map(|seed| ((*label).to_owned(), seed))).collect();
+        assert_eq!(seen, expected);
+    }
+
+    #[tokio::test]
+    async fn filters_select_by_sweep_state_and_label() {
+        let bench = Bench::new().await;
+        let first = bench.submit(sweep(&["rgop", "rg"], 2)).await.id;
+        bench.submit(NewSweep { priority: -1, ..sweep(&["lsq"], 2) }).await;
+        let worker = bench.worker().await;
+        let job = worker.claim(1).await.remove(0);
+        worker.ended(&job, done(1.0)).await;
+
+        let all = JobFilter::default();
+        assert_eq!(keys(&bench, &all).await.len(), 6);
+        assert_eq!(keys(&bench, &JobFilter { sweep: Some(first), ..all.clone() }).await.len(), 4);
+        assert!(keys(&bench, &JobFilter { sweep: Some(SweepId(99)), ..all.clone() }).await.is_empty());
+        assert_eq!(keys(&bench, &JobFilter { state: Some(JobState::Done), ..all.clone() }).await, [(1, 1)]);
+        let label = |label: &str| BTreeMap::from([("algorithm".to_owned(), label.to_owned())]);
+        assert_eq!(keys(&bench, &JobFilter { factors: label("rg"), ..all.clone() }).await, [(2, 1), (2, 2)]);
+        assert!(keys(&bench, &JobFilter { factors: label("xyz"), ..all }).await.is_empty());
+    }
+
+    #[tokio::test]
+    async fn a_line_shows_who_did_what() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 2)).await;
+        let worker = bench.worker().await;
+        let jobs = worker.claim(2).await;
+        worker.ended(&jobs[0], done(-1.0)).await;
+        let items = bench.coordinator.jobs(&JobFilter::default()).await.unwrap().items;
+        assert_eq!((items[0].state, items[0].outcome.as_deref()), (JobState::Done, Some("lost")));
+        assert!(items[0].digest.is_some() && items[1].digest.is_none());
+        assert!(items.iter().all(|item| item.worker.as_ref() == Some(&worker.id) && item.attempts == 1));
+    }
+
+    #[tokio::test]
+    async fn a_job_is_found_by_number_and_by_key() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 1)).await;
+        let item = bench.coordinator.jobs(&JobFilter::default()).await.unwrap().items.remove(0);
+        for text in [item.id.to_string(), item.key.to_string()] {
+            let job = bench.coordinator.job(text.parse::<JobRef>().unwrap()).await.unwrap().unwrap();
+            assert_eq!((job.id, job.key, job.state), (item.id, item.key, JobState::Queued));
+            assert_eq!(job.scenario_json, r#"{"algorithm":"rgop"}"#);
+            assert_eq!(job.cells[0].factors, item.factors);
+        }
+        assert_eq!(bench.coordinator.job(JobRef::Id(JobId(5))).await.unwrap(), None);
+        assert!("x".parse::<JobRef>().is_err() && "1.x".parse::<JobCursor>().is_err());
+    }
+}

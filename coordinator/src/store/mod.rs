@@ -1,8 +1,8 @@
 //! The database: one file, one writer, many readers. The only SQL of the program that writes is below here.
 //!
-//! A file a concern: [`sweep`] and [`cell`] are what users ask for, [`submit`] takes a sweep in, [`job`] and
-//! [`values`] list what became of it; [`claim`], [`result`], [`renew`] and [`expiry`] move jobs along, by way of
-//! [`transition`] (what changes) and [`tally`] (what is counted); [`worker`], [`scenario`] and [`incident`] are a
+//! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `job` and
+//! `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
+//! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
 //! table each. Statements are constants with a sentence each; a test prepares all of them.
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.

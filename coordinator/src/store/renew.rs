@@ -47,3 +47,64 @@ pub(crate) async fn renew(
     let lost = renew.held.iter().map(|held| held.job).filter(|job| !still.contains(&job.0)).collect();
     Ok(Renewed { lost })
 }
+
+#[cfg(test)]
+mod tests {
+    use furrow_schema::id::JobId;
+    use furrow_schema::protocol::{LeasedJob, RunEnd};
+
+    use super::*;
+    use crate::testing::{Bench, sweep};
+
+    #[tokio::test]
+    async fn a_renewed_lease_outlives_the_first_one() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 2)).await;
+        let (worker, other) = (bench.worker().await, bench.worker().await);
+        let jobs = worker.claim(2).await;
+        for _ in 0..4 {
+            bench.pass(LEASE_MS / 2).await;
+            assert_eq!(worker.renew(&jobs, true).await, Renewed::default());
+        }
+        assert!(other.claim(2).await.is_empty());
+    }
+
+    #[tokio::test]
+    async fn a_lease_renewed_every_second_never_runs_out() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 1)).await;
+        let worker = bench.worker().await;
+        let jobs = worker.claim(1).await;
+        for _ in 0..90 {
+            bench.pass(1_000).await;
+            assert_eq!(worker.renew(&jobs, true).await, Renewed::default());
+        }
+        bench.pass(LEASE_MS - GRAIN_MS - 1).await;
+        assert_eq!(worker.renew(&jobs, true).await, Renewed::default());
+    }
+
+    #[tokio::test]
+    async fn a_stale_attempt_cannot_renew() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 1)).await;
+        let worker = bench.worker().await;
+        let stale = worker.claim(1).await.remove(0);
+        worker.ended(&stale, RunEnd::HandedBack).await;
+        let lease = worker.claim(1).await.remove(0);
+        assert_eq!((lease.job, lease.attempt), (stale.job, 2));
+
+        assert_eq!(worker.renew(std::slice::from_ref(&stale), true).await.lost, [stale.job]);
+        assert!(worker.renew(&[lease], true).await.lost.is_empty());
+    }
+
+    #[tokio::test]
+    async fn nobody_renews_the_jobs_of_another_or_none_at_all() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 1)).await;
+        let (worker, other) = (bench.worker().await, bench.worker().await);
+        let job = worker.claim(1).await.remove(0);
+        let unknown = LeasedJob { job: JobId(404), ..job.clone() };
+        assert_eq!(other.renew(&[job.clone(), unknown], true).await.lost, [job.job, JobId(404)]);
+        assert!(other.renew(&[], true).await.lost.is_empty());
+    }
+}

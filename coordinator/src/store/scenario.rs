@@ -28,14 +28,14 @@ pub(super) const STATEMENTS: &[&str] = &[ADD, FIND, TEXTS];
 /// Numbers of `texts`, which are stored as needed.
 pub(crate) async fn intern(
     conn: &mut SqliteConnection,
-    texts: &HashMap<ScenarioHash, Arc<str>>,
+    texts: &[(ScenarioHash, Arc<str>)],
 ) -> Result<HashMap<ScenarioHash, ScenarioId>, StoreError> {
-    let wanted = to_json(&texts.keys().collect::<Vec<_>>());
+    let wanted = to_json(&texts.iter().map(|(hash, _)| hash).collect::<Vec<_>>());
     let known = find(conn, &wanted).await?;
-    if known.len() == texts.len() {
+    let new: Vec<_> = texts.iter().filter(|(hash, _)| !known.contains_key(hash)).collect();
+    if new.is_empty() {
         return Ok(known);
     }
-    let new: Vec<_> = texts.iter().filter(|(hash, _)| !known.contains_key(hash)).collect();
     sqlx::query(ADD).bind(to_json(&new)).execute(&mut *conn).await?;
     find(conn, &wanted).await
 }

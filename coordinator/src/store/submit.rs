@@ -160,7 +160,8 @@ struct Expansion<'a> {
     submitted: Submitted,
     cells: Vec<CellId>,
     next_turn: i64,
-    texts: HashMap<ScenarioHash, Arc<str>>,
+    /// The scenarios of the chunk in the order of their jobs.
+    texts: Vec<(ScenarioHash, Arc<str>)>,
     chunk: Vec<Planned>,
 }
 
@@ -175,7 +176,7 @@ impl<'a> Expansion<'a> {
         let cells = add_cells(conn, id, &sweep.cells).await?;
         let next_turn = sqlx::query_scalar(VIRTUAL_TIME).bind(sweep.priority).fetch_one(conn).await?;
         let submitted = Submitted { id, total: 0, new: 0, cached: 0 };
-        let (texts, chunk) = (HashMap::new(), Vec::with_capacity(CHUNK));
+        let (texts, chunk) = (Vec::new(), Vec::with_capacity(CHUNK));
         Ok(Self { sweep, engine_id, now_ms, submitted, cells, next_turn, texts, chunk })
     }
 
@@ -190,7 +191,9 @@ impl<'a> Expansion<'a> {
                     continue;
                 }
                 for seed in 1..=self.sweep.seeds {
-                    self.texts.entry(scenario).or_insert_with(|| text.clone());
+                    if self.texts.last().is_none_or(|(last, _)| *last != scenario) {
+                        self.texts.push((scenario, text.clone()));
+                    }
                     let key = JobKey::new(self.sweep.engine, text, seed, timing);
                     self.chunk.push(Planned { cell: self.cells[at], scenario, seed, key, turn: self.next_turn });
                     self.next_turn += 1;

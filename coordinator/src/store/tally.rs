@@ -209,3 +209,37 @@ async fn load(conn: &mut SqliteConnection, cells: &str) -> Result<HashMap<(CellI
 pub(crate) fn moments(metric: &str, bytes: &[u8]) -> Result<Moments, StoreError> {
     Moments::from_bytes(bytes).ok_or_else(|| StoreError::Damaged(format!("the moments of `{metric}`")))
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::testing::{Bench, done, sweep};
+
+    /// The cells after results came in the given order, in reports of the given size.
+    async fn cells_after(order: &[usize], at_a_time: usize) -> Vec<crate::CellSummary> {
+        let bench = Bench::new().await;
+        let id = bench.submit(sweep(&["rgop", "rg"], 16)).await.id;
+        let worker = bench.worker().await;
+        let jobs = worker.claim(32).await;
+        let run = |at: &usize| {
+            let job = &jobs[*at];
+            let ended = done(0.1 * (job.job.0 as f64).powi(9) - 1e7);
+            furrow_schema::protocol::RunReport { job: job.job, attempt: job.attempt, ended }
+        };
+        for chunk in order.chunks(at_a_time) {
+            worker.report(chunk.iter().map(run).collect()).await;
+        }
+        bench.assert_consistent().await;
+        bench.cells(id).await
+    }
+
+    #[tokio::test]
+    async fn moments_do_not_depend_on_the_order_of_arrival() {
+        let forward: Vec<_> = (0..32).collect();
+        let backward: Vec<_> = (0..32).rev().collect();
+        let scattered: Vec<_> = (0..32).map(|i| i * 13 % 32).collect();
+        let reference = cells_after(&forward, 1).await;
+        assert!(reference.iter().all(|cell| cell.metrics["distance_m"].n() == 16));
+        assert_eq!(cells_after(&backward, 5).await, reference);
+        assert_eq!(cells_after(&scattered, 32).await, reference);
+    }
+}

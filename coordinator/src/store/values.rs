@@ -115,3 +115,65 @@ fn place(columns: &mut BTreeMap<String, Vec<Option<f64>>>, values: Metrics, row:
         columns.entry(metric).or_insert_with(|| vec![None; all])[row] = Some(value);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use furrow_schema::protocol::RunEnd;
+    use furrow_schema::sweep::NewSweep;
+
+    use super::*;
+    use crate::testing::{Bench, done, record, sweep};
+
+    #[tokio::test]
+    async fn values_stand_by_seed_whatever_the_order_of_arrival() {
+        let bench = Bench::new().await;
+        let id = bench.submit(sweep(&["rgop", "rg"], 3)).await.id;
+        let worker = bench.worker().await;
+        let mut jobs = worker.claim(6).await;
+        jobs.reverse();
+        for job in &jobs[1..] {
+            worker.ended(job, done(job.seed as f64)).await;
+        }
+        let cells = bench.coordinator.values(id, None).await.unwrap();
+        assert_eq!((cells[0].seeds.as_slice(), cells[1].seeds.as_slice()), (&[1, 2, 3][..], &[1, 2][..]));
+        assert_eq!(cells[0].metrics["distance_m"], [Some(1.0), Some(2.0), Some(3.0)]);
+        assert!(cells[0].outcomes.iter().all(|outcome| &**outcome == "success"));
+        let only = bench.coordinator.values(id, Some(&["success"])).await.unwrap();
+        assert_eq!(only[0].metrics.keys().collect::<Vec<_>>(), ["success"]);
+    }
+
+    #[tokio::test]
+    async fn a_metric_that_a_run_lacks_leaves_a_gap() {
+        let bench = Bench::new().await;
+        let id = bench.submit(sweep(&["rgop"], 3)).await.id;
+        let worker = bench.worker().await;
+        for job in worker.claim(3).await {
+            let mut record = record(1.0);
+            if job.seed == 2 {
+                record.metrics.insert("trajectory_error_mean_m".to_owned(), 0.5);
+            }
+            worker.ended(&job, RunEnd::Done(record)).await;
+        }
+        let cells = bench.coordinator.values(id, None).await.unwrap();
+        assert_eq!(cells[0].metrics["trajectory_error_mean_m"], [None, Some(0.5), None]);
+        assert_eq!(bench.cells(id).await[0].metrics["trajectory_error_mean_m"].n(), 1);
+    }
+
+    #[tokio::test]
+    async fn only_runs_that_ran_alone_have_times() {
+        let bench = Bench::new().await;
+        let timing = bench.submit(NewSweep { timing: true, ..sweep(&["rgop"], 2) }).await.id;
+        let worker = bench.worker().await;
+        for job in worker.claim(2).await {
+            let mut record = record(1.0);
+            record.timings.alone = job.seed == 1;
+            record.timings.metrics.insert("line_finding_time_ms".to_owned(), 0.25);
+            worker.ended(&job, RunEnd::Done(record)).await;
+        }
+        let cells = bench.coordinator.values(timing, None).await.unwrap();
+        assert_eq!(cells[0].timings["line_finding_time_ms"], [Some(0.25), None]);
+        let plain = bench.submit(sweep(&["rgop"], 2)).await.id;
+        assert!(bench.coordinator.values(plain, None).await.unwrap()[0].timings.is_empty());
+        assert!(bench.coordinator.values(SweepId(99), None).await.unwrap().is_empty());
+    }
+}

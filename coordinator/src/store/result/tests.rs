@@ -1,8 +1,10 @@
 use furrow_schema::job::JobState;
-use furrow_schema::protocol::{RunEnd, RunReport};
+use furrow_schema::protocol::{LEASE_MS, LeasedJob, RunEnd, RunReport};
 
 use super::*;
 use crate::testing::{Bench, done, panicked, record, sweep};
+
+const LEASE_PASSED_MS: i64 = LEASE_MS + 1;
 
 async fn one_job() -> Bench {
     let bench = Bench::new().await;
@@ -191,6 +193,3 @@ async fn metrics_and_trajectories_come_back_bit_for_bit() {
     assert_eq!(result.timings, sent.timings);
     assert_eq!(result.trajectory, Some(vec![0x00, 0xff, 0x10]));
 }
-
-const LEASE_PASSED_MS: i64 = furrow_schema::protocol::LEASE_MS + 1;
-use furrow_schema::protocol::LeasedJob;
