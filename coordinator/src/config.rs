@@ -75,7 +75,7 @@ impl fmt::Debug for Clock {
 pub struct ClockHand(Arc<AtomicI64>);
 
 impl ClockHand {
-    /// Moves the clock on by `by_ms` [ms].
+    /// Moves the clock on by `by_ms` \[ms\].
     pub fn advance(&self, by_ms: i64) {
         self.0.fetch_add(by_ms, Ordering::SeqCst);
     }

@@ -14,6 +14,8 @@ pub(crate) mod incident;
 pub(crate) mod job;
 pub(crate) mod job_detail;
 mod open;
+#[cfg(test)]
+mod random_histories;
 pub(crate) mod renew;
 pub(crate) mod result;
 pub(crate) mod scenario;

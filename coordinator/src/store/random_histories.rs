@@ -1,0 +1,157 @@
+//! Whatever submissions, workers and time do, in any order: counts, moments and states stay true, nothing that
+//! was acknowledged changes, and every sweep can be brought to its end.
+
+use std::collections::HashMap;
+use std::sync::LazyLock;
+
+use furrow_schema::id::JobId;
+use furrow_schema::protocol::{LeasedJob, RunEnd};
+use furrow_schema::sweep::{NewSweep, SweepState};
+use proptest::prelude::*;
+use tokio::runtime::Runtime;
+
+use crate::moments::Moments;
+use crate::testing::{Bench, Worker, done, panicked, record, sweep};
+
+const LABELS: [&str; 3] = ["rgop", "rg", "lsq"];
+const WORKERS: usize = 3;
+
+#[derive(Debug, Clone)]
+enum Event {
+    Submit {
+        labels: usize,
+        seeds: u64,
+        priority: i64,
+    },
+    Claim {
+        worker: usize,
+        want: u32,
+    },
+    /// One of the leases that the worker was ever given ends, stale or not.
+    End {
+        worker: usize,
+        lease: usize,
+        how: usize,
+    },
+    Renew {
+        worker: usize,
+        running: bool,
+    },
+    Pass {
+        ms: i64,
+    },
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let worker = 0..WORKERS;
+    prop_oneof![
+        1 => (1..=LABELS.len(), 1..4u64, 0..2i64)
+            .prop_map(|(labels, seeds, priority)| Event::Submit { labels, seeds, priority }),
+        3 => (worker.clone(), 1..4u32).prop_map(|(worker, want)| Event::Claim { worker, want }),
+        5 => (worker.clone(), any::<usize>(), 0..8usize)
+            .prop_map(|(worker, lease, how)| Event::End { worker, lease, how }),
+        1 => (worker, any::<bool>()).prop_map(|(worker, running)| Event::Renew { worker, running }),
+        2 => prop_oneof![Just(1_500), Just(31_000)].prop_map(|ms| Event::Pass { ms }),
+    ]
+}
+
+struct History {
+    bench: Bench,
+    workers: Vec<(Worker, Vec<LeasedJob>)>,
+    /// Jobs whose result was acknowledged, with its value.
+    acknowledged: HashMap<JobId, f64>,
+}
+
+impl History {
+    async fn begin() -> Self {
+        let bench = Bench::new().await;
+        let mut workers = Vec::new();
+        for _ in 0..WORKERS {
+            workers.push((bench.worker().await, Vec::new()));
+        }
+        Self { bench, workers, acknowledged: HashMap::new() }
+    }
+
+    async fn take(&mut self, event: Event) {
+        match event {
+            Event::Submit { labels, seeds, priority } => {
+                let sweep = NewSweep { priority, ..sweep(&LABELS[..labels], seeds) };
+                self.bench.submit(sweep).await;
+            }
+            Event::Claim { worker, want } => {
+                let (worker, leases) = &mut self.workers[worker];
+                leases.extend(worker.claim(want).await);
+            }
+            Event::End { worker, lease, how } => self.end(worker, lease, how).await,
+            Event::Renew { worker, running } => {
+                let (worker, leases) = &self.workers[worker];
+                worker.renew(leases, running).await;
+            }
+            Event::Pass { ms } => self.bench.pass(ms).await,
+        }
+    }
+
+    async fn end(&mut self, worker: usize, lease: usize, how: usize) {
+        let (worker, leases) = &self.workers[worker];
+        let Some(lease) = leases.get(lease % leases.len().max(1)) else { return };
+        let value = if how == 7 { -1.0 } else { lease.job.0 as f64 / 3.0 };
+        let ended = match how {
+            0 => panicked("no"),
+            1 => RunEnd::HandedBack,
+            _ => done(value),
+        };
+        let is_result = matches!(ended, RunEnd::Done(_));
+        if worker.ended(lease, ended).await && is_result {
+            let first = self.acknowledged.entry(lease.job).or_insert(value);
+            assert_eq!(*first, value, "two results of a job were acknowledged");
+        }
+    }
+
+    /// Failed jobs are asked for again, and a patient worker does all that is left.
+    async fn finish(&mut self) {
+        self.bench.pass(100_000).await;
+        self.bench.submit(sweep(&LABELS, 3)).await;
+        let worker = self.bench.worker().await;
+        for job in worker.claim(100).await {
+            assert!(worker.ended(&job, done(job.job.0 as f64 / 3.0)).await);
+        }
+    }
+
+    async fn check(&self) {
+        self.bench.assert_consistent().await;
+        for (job, value) in &self.acknowledged {
+            let result = self.bench.coordinator.job(crate::JobRef::Id(*job)).await.unwrap().unwrap().result.unwrap();
+            assert_eq!(result.digest, record(*value).digest);
+        }
+        for sweep in self.bench.coordinator.sweeps(None, 1_000).await.unwrap() {
+            let cells = self.bench.cells(sweep.id).await;
+            let values = self.bench.coordinator.values(sweep.id, None).await.unwrap();
+            for (cell, values) in cells.iter().zip(values) {
+                let mut expected = Moments::default();
+                values.metrics.get("distance_m").into_iter().flatten().flatten().for_each(|v| expected.add(*v));
+                assert_eq!(cell.metrics.get("distance_m").cloned().unwrap_or_default(), expected);
+            }
+        }
+    }
+}
+
+static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::new().unwrap());
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_history_keeps_the_books_right(events in proptest::collection::vec(event(), 0..60)) {
+        RUNTIME.block_on(async {
+            let mut history = History::begin().await;
+            for event in events {
+                history.take(event).await;
+            }
+            history.check().await;
+            history.finish().await;
+            history.check().await;
+            let sweeps = history.bench.coordinator.sweeps(None, 1_000).await.unwrap();
+            assert!(sweeps.iter().all(|sweep| sweep.state == SweepState::Done && sweep.failed == 0), "{sweeps:?}");
+        });
+    }
+}
