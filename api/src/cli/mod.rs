@@ -16,6 +16,7 @@ mod table;
 mod work;
 
 use std::ffi::OsString;
+use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::sync::LazyLock;
 
@@ -51,7 +52,7 @@ impl Command {
     /// What is logged unless `FURROW_LOG` says otherwise: services tell what they do, the rest only what is wrong.
     fn default_log(&self) -> &'static str {
         match self {
-            Self::Serve(_) | Self::Work(_) => "info,zenoh=warn",
+            Self::Serve(_) | Self::Work(_) => "info,zenoh=error",
             _ => "warn",
         }
     }
@@ -94,7 +95,8 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn execute(command: Command) -> Result<(), CliError> {
     let filter = EnvFilter::try_from_env("FURROW_LOG").unwrap_or_else(|_| EnvFilter::new(command.default_log()));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let colours = std::io::stderr().is_terminal();
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours).init();
     let runtime = tokio::runtime::Runtime::new().map_err(CliError::failed("cannot start"))?;
     let ended = runtime.block_on(command.execute());
     // Blocking work that nobody waits for any more must not hold the process.

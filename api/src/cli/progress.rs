@@ -47,10 +47,11 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away.
-    pub(super) fn finish(self) {
-        if let Self::Bar(bar) = self {
-            bar.finish_and_clear();
+    /// Takes the bar away, or writes the last line, after `elapsed_s` in all.
+    pub(super) fn finish(self, elapsed_s: f64) {
+        match self {
+            Self::Bar(bar) => bar.finish_and_clear(),
+            Self::Lines(_) => output::note(&format!("ended after {}", span(elapsed_s))),
         }
     }
 }
@@ -88,8 +89,11 @@ fn pace(sweep: &Sweep) -> String {
     format!("{rate}{}{failed}", left.unwrap_or_default()).trim_start_matches(", ").to_owned()
 }
 
-/// A time span [s] for people: `42 s`, `3 min 05 s`, `2 h 10 min`.
+/// A time span in seconds for people: `0.3 s`, `42 s`, `3 min 05 s`, `2 h 10 min`.
 pub(super) fn span(seconds: f64) -> String {
+    if (0.0..9.95).contains(&seconds) {
+        return format!("{seconds:.1} s");
+    }
     let whole = seconds.max(0.0).round() as u64;
     match whole {
         0..60 => format!("{whole} s"),
@@ -148,6 +152,8 @@ pub(super) mod tests {
         assert_eq!(span(41.6), "42 s");
         assert_eq!(span(185.0), "3 min 05 s");
         assert_eq!(span(7_800.0), "2 h 10 min");
+        assert_eq!(span(0.26), "0.3 s");
+        assert_eq!(span(9.96), "10 s");
         assert_eq!(span(-1.0), "0 s");
     }
 }

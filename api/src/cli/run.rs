@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use furrow_coordinator::{Config, Coordinator, Store};
-use furrow_schema::id::SweepId;
+use furrow_schema::id::{EngineId, SweepId};
 use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
-use serde_json::json;
+use furrow_schema::table::Cell;
+use serde::Serialize;
 use tokio_util::sync::CancellationToken;
 
 use super::error::CliError;
@@ -20,10 +21,13 @@ use crate::http::tables::sweep_data;
 use crate::in_process::Farm;
 use crate::plan::expand;
 use crate::publication;
-use crate::table::{Format, Query, SweepData, tabulate};
+use crate::table::{Format, Metric, Query, SweepData, Table, tabulate};
 
 /// Progress is looked at no more often than this.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// Metrics in the table on the terminal; `--json` has all of them.
+const SHOWN: usize = 4;
 
 /// Run a plan to its end on this machine and print its tables beside the published values
 #[derive(Debug, clap::Args)]
@@ -36,8 +40,8 @@ pub(super) struct RunArgs {
     /// Runs at a time; all cores if not given
     #[arg(long, value_name = "N", value_parser = threads())]
     threads: Option<u64>,
-    /// Run everything anew and one at a time, to measure times
-    #[arg(long, conflicts_with = "threads")]
+    /// Run everything anew and one at a time, whatever --threads says, to measure times
+    #[arg(long)]
     timing: bool,
     /// Store the trajectories
     #[arg(long)]
@@ -112,7 +116,7 @@ async fn finish(
         end = farm.worker_ended() => Err(CliError::Failed(end.to_string())),
         () = stop.cancelled() => Err(CliError::Stopped),
     };
-    progress.finish();
+    progress.finish(started.elapsed().as_secs_f64());
     let sweep = ended?;
     let data = sweep_data(&coordinator, &sweep, &Query::default()).await?;
     Ok(Finished { sweep, cached, data, wall_s: started.elapsed().as_secs_f64() })
@@ -143,23 +147,52 @@ async fn watch(coordinator: &Coordinator, id: SweepId, progress: &mut Progress) 
     }
 }
 
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Summary<'a> {
+    plan: &'a str,
+    sweep: SweepId,
+    engine: EngineId,
+    runs: u64,
+    cached: u64,
+    failed: u64,
+    wall_s: f64,
+    cells: &'a [Cell],
+}
+
 fn print_json(finished: &Finished) -> Result<(), CliError> {
     let Finished { sweep, cached, data, wall_s } = finished;
     let table = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
-    output::json(&json!({
-        "plan": sweep.plan, "sweep": sweep.id, "engine": sweep.engine, "runs": sweep.done, "cached": cached,
-        "failed": sweep.failed, "wall_s": wall_s, "cells": table.cells_json(),
-    }))
+    output::json(&Summary {
+        plan: &sweep.plan,
+        sweep: sweep.id,
+        engine: sweep.engine,
+        runs: sweep.done,
+        cached: *cached,
+        failed: sweep.failed,
+        wall_s: *wall_s,
+        cells: &table.cells,
+    })
 }
 
 fn print_tables(finished: &Finished) -> Result<(), CliError> {
     let Finished { sweep, cached, data, wall_s } = finished;
-    let table = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
+    let everything = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
+    let metrics = Some(shown(&everything));
+    let table = tabulate(data, &Query { metrics, ..Query::default() }).map_err(CliError::failed("no table"))?;
     output::line(&table.write(Format::Text))?;
     for (source, table) in publication::tables_of(&sweep.plan, data) {
         let comparison = publication::compare(source, table, Some(data)).map_err(CliError::failed("no comparison"))?;
-        output::line(&format!("\n{}", comparison.write(Format::Text)))?;
+        if comparison.cells.iter().any(|cell| cell.ours.is_some()) {
+            output::line(&format!("\n{}", comparison.write(Format::Text)))?;
+        }
     }
     let (runs, failed) = (sweep.done, sweep.failed);
     output::line(&format!("\n{runs} runs, {cached} of them cached, {failed} failed, in {}", span(*wall_s)))
+}
+
+/// The metrics that fit a terminal: the first few, and all times where they were measured.
+fn shown(table: &Table) -> Vec<String> {
+    let (times, others): (Vec<&Metric>, Vec<&Metric>) = table.metrics.iter().partition(|metric| metric.timing);
+    others.into_iter().take(SHOWN).chain(times).map(|metric| metric.name.to_string()).collect()
 }

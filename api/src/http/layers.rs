@@ -14,7 +14,7 @@ use tower_http::trace::TraceLayer;
 
 use super::problem::Problem;
 
-/// A request's body is at most this long [bytes].
+/// A request's body is at most this many bytes long.
 pub const BODY_LIMIT: usize = 10 << 20;
 
 /// A request is given up after this long.

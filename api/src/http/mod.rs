@@ -1,6 +1,6 @@
 //! The HTTP service: a file per resource.
 //!
-//! [`router`] puts the resources together and surrounds them with limits ([`layers`]); a handler reads the
+//! [`router`] puts the resources together and surrounds them with limits (`layers`); a handler reads the
 //! request (`extract`), asks the coordinator, and answers; whatever goes wrong is a [`problem`]. The OpenAPI
 //! document at `/openapi.json` is made from the handlers themselves.
 

@@ -34,7 +34,7 @@ pub struct Trajectory {
     pub key: JobKey,
     /// Whether the poses were stored with the result (rounded to 0.06 mm) and not computed again.
     pub stored: bool,
-    /// Time between two poses [s]; the first is at 0.
+    /// Seconds between two poses; the first is at 0.
     pub step_s: f64,
     /// What the numbers of a pose are.
     pub columns: [String; 3],

@@ -2,6 +2,7 @@
 
 mod problems;
 mod resources;
+mod runs;
 
 use std::collections::BTreeMap;
 
@@ -45,7 +46,10 @@ impl Answer {
 impl Service {
     async fn start() -> Self {
         let store = Store::in_memory().await.unwrap();
-        let coordinator = Coordinator::start(store, Config::new(crate::engine()));
+        Self::of(Coordinator::start(store, Config::new(crate::engine())))
+    }
+
+    fn of(coordinator: Coordinator) -> Self {
         let router = router(App::new(coordinator.clone()));
         Self { router, coordinator, worker: WorkerId::random(), credential: Credential::random() }
     }

@@ -1,0 +1,81 @@
+//! Runs that a worker in the same process really simulates, and where they went.
+
+use furrow_coordinator::{Config, Store};
+use furrow_schema::id::SweepId;
+use serde_json::{Value, json};
+
+use super::super::problem::MEDIA_TYPE;
+use super::{Service, plan};
+use crate::in_process::Farm;
+
+/// A robot that keeps its heading crashes soon: a run of a fraction of a second.
+fn short_run(record: bool) -> Value {
+    let mut plan = plan();
+    plan["factors"][0]["levels"] = json!([{
+        "label": "heading-hold",
+        "patch": {"perception": {"kind": "none"}, "mission": {"kind": "heading-hold"}}
+    }]);
+    json!({"plan": plan, "only": {"field": ["crop-2"]}, "seeds": 1, "record": record})
+}
+
+async fn finished(body: &Value) -> (Farm, Service) {
+    let farm = Farm::start(Store::in_memory().await.unwrap(), Config::new(crate::engine()), 1);
+    let service = Service::of(farm.coordinator().clone());
+    let mut changed = farm.coordinator().changed();
+    let created = service.post(body, &[]).await;
+    assert_eq!(created.status, 201, "{}", created.body);
+    while farm.coordinator().sweep(SweepId(1)).await.unwrap().unwrap().done == 0 {
+        changed.changed().await.unwrap();
+    }
+    (farm, service)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_run_that_was_not_recorded_is_repeated_for_its_path() {
+    let (farm, service) = finished(&short_run(false)).await;
+    let job = service.get("/v1/jobs/1").await.json();
+    assert_eq!((&job["recorded"], &job["metrics"]["success"]), (&json!(false), &json!(0.0)), "{job}");
+
+    let path = service.get("/v1/jobs/1/trajectory").await.json();
+    let poses = path["poses"].as_array().unwrap();
+    let simulated_s = job["metrics"]["simulated_s"].as_f64().unwrap();
+    assert!((poses.len() as f64 * 0.05 - simulated_s).abs() < 0.2, "{} poses, {simulated_s} s", poses.len());
+    assert_eq!((&path["stored"], &path["job"]), (&json!(false), &json!(1)));
+
+    let csv = service.get_as("/v1/jobs/1/trajectory", "text/csv").await;
+    assert_eq!(csv.body.lines().count(), poses.len() + 1);
+    let drawing = service.get("/v1/jobs/1/trajectory.svg").await;
+    assert_eq!((drawing.status, drawing.header("content-type")), (200, "image/svg+xml"));
+    assert!(drawing.body.starts_with("<svg") && drawing.body.trim_end().ends_with("</svg>"));
+    farm.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_recorded_path_is_the_repeated_one_but_for_rounding() {
+    let (farm, recorded) = finished(&short_run(true)).await;
+    let (other, repeated) = finished(&short_run(false)).await;
+    let (a, b) =
+        (recorded.get("/v1/jobs/1/trajectory").await.json(), repeated.get("/v1/jobs/1/trajectory").await.json());
+    assert_eq!([&a["stored"], &b["stored"]], [&json!(true), &json!(false)]);
+    assert_eq!(a["key"], b["key"]);
+    let (a, b) = (a["poses"].as_array().unwrap(), b["poses"].as_array().unwrap());
+    assert_eq!(a.len(), b.len());
+    for (stored, exact) in a.iter().zip(b) {
+        for axis in 0..3 {
+            let difference = stored[axis].as_f64().unwrap() - exact[axis].as_f64().unwrap();
+            assert!(difference.abs() < 1e-4, "{stored} {exact}");
+        }
+    }
+    farm.stop().await;
+    other.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_result_that_cannot_be_repeated_is_no_path() {
+    let service = Service::start().await;
+    service.post(&short_run(false), &[]).await;
+    service.work().await; // A made-up result: its digest is no run's.
+    let answer = service.get("/v1/jobs/1/trajectory.svg").await;
+    assert_eq!((answer.status, answer.header("content-type")), (409, MEDIA_TYPE));
+    assert!(answer.body.contains("another digest"), "{}", answer.body);
+}
