@@ -192,9 +192,10 @@ impl<S> Board<S> {
     /// These jobs are no longer the worker's: the waiting ones are dropped, the running ones told to stop.
     ///
     /// Their end is still reported: the coordinator ignores a stale attempt that is handed back, and records a
-    /// result that came all the same.
-    pub(crate) fn lose(&mut self, lost: &[JobId]) {
-        self.give_up(|lease| lost.contains(&lease.0));
+    /// result that came all the same. Returns how many were not ended yet: a renewal that crosses a report names
+    /// jobs that are done.
+    pub(crate) fn lose(&mut self, lost: &[JobId]) -> usize {
+        self.give_up(|lease| lost.contains(&lease.0))
     }
 
     /// Takes no more work: what waits is handed back, what runs is told to stop.
@@ -203,17 +204,20 @@ impl<S> Board<S> {
         self.give_up(|_| true);
     }
 
-    fn give_up(&mut self, which: impl Fn(&Lease) -> bool) {
+    fn give_up(&mut self, which: impl Fn(&Lease) -> bool) -> usize {
         let (gone, kept) = self.queue.drain(..).partition::<VecDeque<_>, _>(|work| which(&lease_of(&work.lease)));
         self.queue = kept;
+        let mut given_up = gone.len();
         for work in gone {
             self.end(lease_of(&work.lease), RunEnd::HandedBack);
         }
         for (lease, stage) in &self.held {
             if let (Stage::Runs { stop }, true) = (stage, which(lease)) {
                 stop.store(true, Ordering::Relaxed);
+                given_up += 1;
             }
         }
+        given_up
     }
 
     /// Hands back the runs that go on although they were told to stop: the worker is leaving.

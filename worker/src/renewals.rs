@@ -25,9 +25,9 @@ pub(crate) async fn renew_leases<S>(conversation: &Conversation, every_ms: u64, 
             continue;
         }
         let Some(renewed) = conversation.ask_once(Renew { held }).await else { continue };
-        if !renewed.lost.is_empty() {
-            tracing::info!(jobs = renewed.lost.len(), "jobs are no longer this worker's");
-            shared.board().lose(&renewed.lost);
+        let jobs = shared.board().lose(&renewed.lost);
+        if jobs > 0 {
+            tracing::info!(jobs, "jobs are no longer this worker's");
             shared.ended.notify_one();
             shared.room.notify_one();
         }

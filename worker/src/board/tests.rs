@@ -107,6 +107,7 @@ fn a_run_is_held_until_it_is_acknowledged() {
     board.finish(&work.lease, done(), Duration::ZERO);
     let runs = board.take_ended();
     assert!(!board.held()[0].running);
+    assert_eq!(board.lose(&[JobId(1)]), 0, "there is nothing to stop any more");
     board.forget(&runs);
     assert!(board.held().is_empty());
 }
@@ -130,7 +131,7 @@ fn a_closed_board_hands_everything_back() {
 fn a_lost_job_is_dropped_or_told_to_stop_and_others_stay() {
     let mut board = board_with(2, [lease(1), lease(2), lease(3)]);
     let running = board.take().unwrap();
-    board.lose(&[JobId(1), JobId(2)]);
+    assert_eq!(board.lose(&[JobId(1), JobId(2)]), 2);
     assert!(running.stop.load(Ordering::Relaxed));
     assert_eq!(board.take().unwrap().lease.job, JobId(3));
 }

@@ -1,0 +1,91 @@
+//! `furrow` processes: run to their end, or kept going and killed at the latest when the test ends.
+
+use std::fs::{self, File};
+use std::path::PathBuf;
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+use tempfile::TempPath;
+use tokio::process::{Child, Command};
+use tokio::time::timeout;
+
+/// A command that takes longer than this hangs.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What a finished command left.
+#[derive(Debug)]
+pub(crate) struct Finished {
+    pub(crate) code: Option<i32>,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+/// The program, in the directory above this test's own.
+fn program() -> PathBuf {
+    let test = std::env::current_exe().expect("a process knows its file");
+    let profile = test.ancestors().nth(2).expect("tests lie in target/<profile>/deps");
+    let program = profile.join(format!("furrow{}", std::env::consts::EXE_SUFFIX));
+    let shown = program.display();
+    assert!(program.is_file(), "{shown} is missing: run `cargo build` first, in the profile of the tests");
+    program
+}
+
+/// `furrow` with these arguments, without standard input, killed when dropped.
+fn furrow(args: &[&str]) -> Command {
+    let mut command = Command::new(program());
+    command.args(args).env_remove("FURROW_LOG").env_remove("RUST_BACKTRACE").stdin(Stdio::null()).kill_on_drop(true);
+    command
+}
+
+/// A process that goes on. When dropped it is killed; its log is shown if the test failed, and must be free of panics.
+pub(crate) struct Running {
+    pub(crate) child: Child,
+    log: TempPath,
+}
+
+impl Running {
+    /// Starts `furrow` with these arguments; its standard output is piped.
+    pub(crate) fn start(args: &[&str]) -> Self {
+        let (file, log): (File, TempPath) = tempfile::NamedTempFile::new().unwrap().into_parts();
+        let child = furrow(args).stdout(Stdio::piped()).stderr(file).spawn().expect("furrow can be started");
+        Self { child, log }
+    }
+
+    /// Asks the process to end, as a service manager does, and waits until it has.
+    pub(crate) async fn terminate(&mut self, within: Duration) -> ExitStatus {
+        let pid = self.child.id().expect("the process still runs").to_string();
+        let sent = Command::new("sh").args(["-c", "kill -TERM \"$0\"", &pid]).status().await.unwrap();
+        assert!(sent.success());
+        let ended = timeout(within, self.child.wait()).await;
+        ended.unwrap_or_else(|_| panic!("the process goes on {within:?} after SIGTERM")).unwrap()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let log = fs::read_to_string(&self.log).unwrap_or_default();
+        if std::thread::panicking() {
+            eprintln!("--- log of a process:\n{log}");
+        } else {
+            assert!(!log.contains("panicked at"), "{log}");
+        }
+    }
+}
+
+/// Runs `furrow` to its end.
+pub(crate) async fn finished(args: &[&str]) -> Finished {
+    let output = timeout(PATIENCE, furrow(args).output()).await;
+    let output = output.unwrap_or_else(|_| panic!("furrow {args:?} hangs")).expect("furrow can be started");
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("furrow writes UTF-8");
+    let finished = Finished { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) };
+    assert!(!finished.stderr.contains("panicked at"), "{finished:?}");
+    finished
+}
+
+/// Runs `furrow` to its good end, and reads the one JSON object that it prints.
+pub(crate) async fn json(args: &[&str]) -> Value {
+    let finished = finished(args).await;
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    serde_json::from_str(&finished.stdout).unwrap_or_else(|error| panic!("{error}: {finished:?}"))
+}

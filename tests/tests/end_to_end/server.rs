@@ -1,0 +1,141 @@
+//! A running `furrow serve`, seen through its HTTP interface, and workers beside it.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use reqwest::{Client, Response, StatusCode};
+use serde_json::Value;
+use tokio::io::{AsyncBufReadExt, BufReader, Lines};
+use tokio::process::ChildStdout;
+use tokio::time::{interval, timeout};
+
+use crate::process::Running;
+
+/// A process that is not ready after this long will never be.
+const READY_WITHIN: Duration = Duration::from_secs(20);
+/// A sweep of these tests is done after this long, on a busy machine, too.
+const DONE_WITHIN: Duration = Duration::from_secs(120);
+/// Pause between two looks.
+const LOOK_EVERY: Duration = Duration::from_millis(25);
+
+/// A coordinator process. It is killed when dropped.
+pub(crate) struct Server {
+    pub(crate) process: Running,
+    /// Where users connect, such as `http://127.0.0.1:8080`.
+    pub(crate) url: String,
+    /// Where workers connect, such as `tcp/127.0.0.1:7447`.
+    pub(crate) endpoint: String,
+    client: Client,
+    _stdout: Lines<BufReader<ChildStdout>>,
+}
+
+/// What a run is, for a comparison between sweeps: its labels and its seed.
+pub(crate) type Row = (String, u64);
+
+impl Server {
+    /// Serves the database `db` with so many threads of its own.
+    pub(crate) async fn start(db: &str, threads: u32) -> Self {
+        Self::start_at(db, threads, "tcp/127.0.0.1:0").await
+    }
+
+    /// The same, where workers know it.
+    pub(crate) async fn start_at(db: &str, threads: u32, endpoint: &str) -> Self {
+        let threads = threads.to_string();
+        let args = ["serve", "--db", db, "--http", "127.0.0.1:0", "--zenoh", endpoint, "--threads", &threads];
+        let mut process = Running::start(&args);
+        let mut stdout = BufReader::new(process.child.stdout.take().expect("it is piped")).lines();
+        let (url, endpoint) = timeout(READY_WITHIN, announced(&mut stdout)).await.expect("furrow serve is not ready");
+        Self { process, url, endpoint, client: Client::new(), _stdout: stdout }
+    }
+
+    /// Starts a worker process with one thread.
+    pub(crate) fn worker(&self) -> Running {
+        Running::start(&["work", "--connect", &self.endpoint, "--threads", "1"])
+    }
+
+    /// What `path` answers, good or bad.
+    pub(crate) async fn get(&self, path: &str) -> Response {
+        self.client.get(format!("{}{path}", self.url)).send().await.expect("the server answers")
+    }
+
+    /// What posting `body` to `path` answers, good or bad.
+    pub(crate) async fn post(&self, path: &str, content_type: &str, body: impl Into<String>) -> Response {
+        let request = self.client.post(format!("{}{path}", self.url)).header("content-type", content_type);
+        request.body(body.into()).send().await.expect("the server answers")
+    }
+
+    /// A good answer's text.
+    pub(crate) async fn text(&self, path: &str) -> String {
+        let response = self.get(path).await;
+        let (status, text) = (response.status(), response.text().await.unwrap());
+        assert_eq!(status, StatusCode::OK, "{path}: {text}");
+        text
+    }
+
+    /// A good answer's JSON.
+    pub(crate) async fn json(&self, path: &str) -> Value {
+        serde_json::from_str(&self.text(path).await).unwrap()
+    }
+
+    /// Submits a sweep; its number.
+    pub(crate) async fn submit(&self, request: &Value) -> i64 {
+        let response = self.post("/v1/sweeps", "application/json", request.to_string()).await;
+        assert_eq!(response.status(), StatusCode::CREATED, "{}", response.text().await.unwrap());
+        response.json::<Value>().await.unwrap()["id"].as_i64().unwrap()
+    }
+
+    /// Waits until `path` answers what `look` looks for.
+    pub(crate) async fn until<T>(&self, path: &str, look: impl Fn(&Value) -> Option<T>) -> T {
+        let mut looks = interval(LOOK_EVERY);
+        let search = async {
+            loop {
+                looks.tick().await;
+                if let Some(seen) = look(&self.json(path).await) {
+                    return seen;
+                }
+            }
+        };
+        match timeout(DONE_WITHIN, search).await {
+            Ok(seen) => seen,
+            Err(_) => panic!("{path} never became as expected: {}", self.text(path).await),
+        }
+    }
+
+    /// Waits until every job of the sweep has ended; the sweep.
+    pub(crate) async fn done(&self, sweep: i64) -> Value {
+        let ended = |sweep: &Value| (sweep["state"] == "done").then(|| sweep.clone());
+        self.until(&format!("/v1/sweeps/{sweep}"), ended).await
+    }
+
+    /// All jobs of a sweep.
+    pub(crate) async fn jobs(&self, sweep: i64) -> Vec<Value> {
+        let page = self.json(&format!("/v1/jobs?sweep={sweep}&limit=1000")).await;
+        assert_eq!(page["next"], Value::Null, "these tests fit one page");
+        page["items"].as_array().unwrap().clone()
+    }
+
+    /// The digest of every run of a sweep.
+    pub(crate) async fn digests(&self, sweep: i64) -> BTreeMap<Row, String> {
+        let row = |job: &Value| (job["factors"].to_string(), job["seed"].as_u64().unwrap());
+        let digest = |job: &Value| job["digest"].as_str().unwrap_or_else(|| panic!("no digest: {job}")).to_owned();
+        self.jobs(sweep).await.iter().map(|job| (row(job), digest(job))).collect()
+    }
+}
+
+/// Reads the lines in which a server says where it listens.
+async fn announced(stdout: &mut Lines<BufReader<ChildStdout>>) -> (String, String) {
+    let (mut url, mut endpoint) = (None, None);
+    while let Some(line) = stdout.next_line().await.unwrap() {
+        for word in line.split_whitespace() {
+            if word.starts_with("http://") {
+                url = Some(word.to_owned());
+            } else if word.starts_with("tcp/") {
+                endpoint = Some(word.to_owned());
+            }
+        }
+        if let (Some(url), Some(endpoint)) = (&url, &endpoint) {
+            return (url.clone(), endpoint.clone());
+        }
+    }
+    panic!("furrow serve ended before it said where it listens");
+}

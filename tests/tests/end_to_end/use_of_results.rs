@@ -1,0 +1,61 @@
+//! What can be read of a finished sweep, and that the command line says the same as HTTP.
+
+use serde_json::json;
+
+use crate::plan::{directory, path, plan};
+use crate::process;
+use crate::server::Server;
+
+#[tokio::test]
+async fn a_finished_sweep_is_a_table_a_list_of_jobs_and_a_picture() {
+    let directory = directory();
+    let server = Server::start(&path(&directory, "served.db"), 2).await;
+    let sweep = server.submit(&json!({"plan": plan(5.0, 2), "record": true})).await;
+    server.done(sweep).await;
+
+    let table = server.json(&format!("/v1/sweeps/{sweep}/table?group_by=algorithm&metric=simulated_s")).await;
+    let cells = table["cells"].as_array().unwrap();
+    assert_eq!(cells.len(), 2);
+    assert!(cells.iter().all(|cell| cell["n"] == 4 && cell["metrics"]["simulated_s"]["max"] == 5.0), "{table}");
+    let csv = server.text(&format!("/v1/sweeps/{sweep}/table?group_by=algorithm&metric=simulated_s&format=csv")).await;
+    assert!(csv.lines().count() == 3 && csv.contains("rgop"), "{csv}");
+
+    let jobs = server.jobs(sweep).await;
+    assert_eq!(jobs.len(), 8);
+    let job = server.json(&format!("/v1/jobs/{}", jobs[0]["id"])).await;
+    assert_eq!((&job["digest"], &job["recorded"]), (&jobs[0]["digest"], &json!(true)));
+    assert_eq!(job["scenario"]["limits"]["max_time_s"], 5.0);
+    assert!(job["timings"]["wall_ms"].as_f64().unwrap() > 0.0);
+    let picture = server.text(&format!("/v1/jobs/{}/trajectory.svg", jobs[0]["id"])).await;
+    assert!(picture.starts_with("<svg") || picture.starts_with("<?xml"), "{}", &picture[..80]);
+}
+
+#[tokio::test]
+async fn the_command_line_sees_what_the_server_has() {
+    let directory = directory();
+    let server = Server::start(&path(&directory, "served.db"), 2).await;
+    let plan = crate::plan::file(&directory, "plan.json", &plan(2.0, 1));
+    let submitted = process::json(&["submit", &plan, "--url", &server.url, "--json"]).await;
+    let sweep = submitted["id"].as_i64().unwrap();
+    server.done(sweep).await;
+    let number = sweep.to_string();
+    let status = process::json(&["status", &number, "--url", &server.url, "--json"]).await;
+    assert_eq!((&status["state"], &status["done"]), (&json!("done"), &json!(4)));
+    let table = process::finished(&["table", &number, "--url", &server.url, "--format", "csv"]).await;
+    assert!(table.code == Some(0) && table.stdout.contains("oracle"), "{table:?}");
+    let job = server.jobs(sweep).await[0]["id"].to_string();
+    let job = process::json(&["job", &job, "--url", &server.url, "--json"]).await;
+    assert_eq!(job["state"], "done");
+}
+
+#[tokio::test]
+async fn plans_are_listed_and_the_interface_describes_itself() {
+    let directory = directory();
+    let server = Server::start(&path(&directory, "served.db"), 0).await;
+    assert!(server.text("/v1/plans").await.contains("guyonneau2022/algorithm-5"));
+    let document = server.json("/openapi.json").await;
+    assert!(document["openapi"].as_str().unwrap().starts_with("3.1"));
+    assert!(document["paths"]["/v1/sweeps"]["post"].is_object());
+    let listed = process::finished(&["plans"]).await;
+    assert!(listed.code == Some(0) && listed.stdout.contains("guyonneau2022/bounds"), "{listed:?}");
+}
