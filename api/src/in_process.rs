@@ -6,6 +6,7 @@ use async_trait::async_trait;
 use furrow_coordinator::{Coordinator, Store};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Renew, Renewed, Reply, Report, Welcome};
 use furrow_worker::{Config, Link, LinkError, Summary, Worker, WorkerError};
+use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
@@ -29,6 +30,10 @@ impl Link for InProcess {
 
     async fn renew(&self, call: Call<Renew>) -> Result<Reply<Renewed>, LinkError> {
         Ok(self.0.renew(call).await)
+    }
+
+    fn changes(&self) -> Option<watch::Receiver<u64>> {
+        Some(self.0.changed())
     }
 }
 

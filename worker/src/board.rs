@@ -15,6 +15,8 @@ use crate::scenarios::HeldScenario;
 
 /// A claim asks for as much work as this takes.
 const BATCH: Duration = Duration::from_secs(2);
+/// A worker holds at most this many jobs, besides those that run.
+const MAX_HELD: usize = 4 * MAX_CLAIM as usize;
 /// Weight of the latest run in the mean duration.
 const NEWEST_WEIGHT: f64 = 0.2;
 /// A report grows no longer than this by its trajectories [bytes].
@@ -78,10 +80,12 @@ impl<S> Board<S> {
         }
     }
 
-    /// How many jobs to claim now: one batch as soon as less than one waits, nothing otherwise.
+    /// How many jobs to claim now: one batch as soon as less than one waits, nothing otherwise. Nothing either while
+    /// too many runs wait for their acknowledgement.
     pub(crate) fn want(&self) -> u32 {
         let batch = self.batch();
-        if self.closed || self.queue.len() >= batch { 0 } else { u32::try_from(batch).unwrap_or(MAX_CLAIM) }
+        let full = self.queue.len() >= batch || self.held.len() + batch > MAX_HELD + self.threads;
+        if self.closed || full { 0 } else { u32::try_from(batch).unwrap_or(MAX_CLAIM) }
     }
 
     fn batch(&self) -> usize {

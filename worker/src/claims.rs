@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use furrow_schema::id::EngineId;
 use furrow_schema::protocol::{Claim, Leases};
+use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use crate::conversation::{AskError, Conversation};
@@ -14,7 +15,7 @@ use crate::scenarios::Scenarios;
 /// A claim that is on its way when the worker is told to stop has this long to come back: what it brings can then
 /// be handed back at once.
 const CLAIM_GRACE: Duration = Duration::from_secs(1);
-/// Bounds of the pause that the coordinator asks for when it has no jobs.
+/// Bounds of the pause when the coordinator has no jobs.
 const SHORTEST_RETRY: Duration = Duration::from_millis(5);
 const LONGEST_RETRY: Duration = Duration::from_secs(10);
 
@@ -49,6 +50,7 @@ async fn claim_until_stopped<R: Runner>(
     too_late: &CancellationToken,
 ) -> Result<(), AskError> {
     let mut scenarios = Scenarios::new();
+    let mut changes = conversation.changes();
     while !stop.is_cancelled() {
         let want = shared.board().want();
         if want == 0 {
@@ -56,6 +58,9 @@ async fn claim_until_stopped<R: Runner>(
             continue;
         }
         scenarios.forget_surplus();
+        if let Some(changes) = &mut changes {
+            changes.mark_unchanged();
+        }
         let claim = Claim { engine, want, known_scenarios: scenarios.known() };
         let leases = match conversation.ask(claim, too_late).await {
             Ok(leases) => leases,
@@ -64,13 +69,28 @@ async fn claim_until_stopped<R: Runner>(
         };
         if leases.jobs.is_empty() {
             let retry = Duration::from_millis(leases.retry_after_ms).clamp(SHORTEST_RETRY, LONGEST_RETRY);
-            pause(tokio::time::sleep(retry), stop).await;
+            pause(new_work(retry, changes.as_mut()), stop).await;
         } else {
             take_in(leases, &mut scenarios, shared);
             pool.kick();
         }
     }
     Ok(())
+}
+
+/// Waits until it is worth asking again: after `retry`, or soon after a change since the last question.
+async fn new_work(retry: Duration, changes: Option<&mut watch::Receiver<u64>>) {
+    let change = async {
+        tokio::time::sleep(SHORTEST_RETRY).await;
+        let Some(changes) = changes else { return std::future::pending().await };
+        if changes.changed().await.is_err() {
+            std::future::pending().await
+        }
+    };
+    tokio::select! {
+        () = change => {}
+        () = tokio::time::sleep(retry) => {}
+    }
 }
 
 async fn pause(what: impl Future<Output = ()>, stop: &CancellationToken) {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use async_trait::async_trait;
 use furrow_schema::id::{Credential, RequestId, WorkerId};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
+use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use crate::backoff::Backoff;
@@ -68,6 +69,11 @@ impl Conversation {
     /// Presents the worker, until it is welcome.
     pub(crate) async fn say_hello(&self, give_up: &CancellationToken) -> Result<Welcome, AskError> {
         self.ask(self.hello.clone(), give_up).await
+    }
+
+    /// Changes whenever there may be new work, where the link can tell.
+    pub(crate) fn changes(&self) -> Option<watch::Receiver<u64>> {
+        self.link.changes()
     }
 
     /// Asks once; nothing if there was no answer that helps. A coordinator that does not know the worker (any more)

@@ -2,6 +2,7 @@
 
 use async_trait::async_trait;
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Renew, Renewed, Reply, Report, Welcome};
+use tokio::sync::watch;
 
 /// The way to one coordinator: over the network, or within the process.
 ///
@@ -32,6 +33,12 @@ pub trait Link: Send + Sync + 'static {
     /// # Errors
     /// See [`LinkError`].
     async fn renew(&self, call: Call<Renew>) -> Result<Reply<Renewed>, LinkError>;
+
+    /// Changes whenever there may be new work, where the link can tell: an idle worker then asks at once. Elsewhere
+    /// it asks again when the coordinator said.
+    fn changes(&self) -> Option<watch::Receiver<u64>> {
+        None
+    }
 }
 
 /// Why a question has no answer.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use furrow_schema::protocol::Renew;
+use furrow_schema::protocol::{HeldJob, MAX_CLAIM, Renew};
 use tokio::time::{MissedTickBehavior, interval};
 
 use crate::conversation::Conversation;
@@ -21,15 +21,18 @@ pub(crate) async fn renew_leases<S>(conversation: &Conversation, every_ms: u64, 
     loop {
         ticks.tick().await;
         let held = shared.board().held();
-        if held.is_empty() {
-            continue;
+        for some in held.chunks(MAX_CLAIM as usize) {
+            renew(conversation, some, shared).await;
         }
-        let Some(renewed) = conversation.ask_once(Renew { held }).await else { continue };
-        let jobs = shared.board().lose(&renewed.lost);
-        if jobs > 0 {
-            tracing::info!(jobs, "jobs are no longer this worker's");
-            shared.ended.notify_one();
-            shared.room.notify_one();
-        }
+    }
+}
+
+async fn renew<S>(conversation: &Conversation, held: &[HeldJob], shared: &Shared<S>) {
+    let Some(renewed) = conversation.ask_once(Renew { held: held.to_vec() }).await else { return };
+    let jobs = shared.board().lose(&renewed.lost);
+    if jobs > 0 {
+        tracing::info!(jobs, "jobs are no longer this worker's");
+        shared.ended.notify_one();
+        shared.room.notify_one();
     }
 }

@@ -29,6 +29,7 @@ pub(crate) async fn report_runs<S>(
                 Err(error) => return Err(error),
             }
             shared.board().forget(&runs);
+            shared.room.notify_one();
         } else if drained {
             return Ok(summary);
         } else {

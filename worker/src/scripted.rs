@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Barrier, Mutex};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use furrow_schema::id::{Digest, JobId, RequestId, ScenarioId};
@@ -11,16 +12,21 @@ use furrow_schema::protocol::{
     Call, Claim, Hello, LeasedJob, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, RunEnd, RunReport,
     ScenarioText, Welcome,
 };
-use tokio::sync::Notify;
+use tokio::sync::{Notify, watch};
+use tokio::time::timeout;
 
 use crate::link::{Link, LinkError};
 use crate::runner::{Order, Runner};
+
+/// What takes longer than this will never come.
+const HANGS_AFTER: Duration = Duration::from_secs(60);
 
 /// A queue in memory, with the faults that a test asks for.
 #[derive(Default)]
 pub(crate) struct Queue {
     state: Mutex<State>,
     changed: Notify,
+    submitted: watch::Sender<u64>,
 }
 
 /// What a test may set and look at.
@@ -43,6 +49,8 @@ pub(crate) struct State {
     pub(crate) forgot_workers: bool,
     /// Every question is refused so.
     pub(crate) refusal: Option<Refusal>,
+    /// An idle worker shall ask again after this long; 5 ms if not set.
+    pub(crate) retry_after_ms: Option<u64>,
     /// Nobody answers.
     pub(crate) away: bool,
     /// Results of this job are malformed.
@@ -75,10 +83,15 @@ impl Queue {
             state.texts.insert(scenario_id, scenario.to_owned());
             state.queue.extend(jobs.map(|job| change(lease(job, scenario_id))));
         });
+        self.submitted.send_modify(|n| *n += 1);
     }
 
     /// Waits until the state is as it should be, and takes something from it.
     pub(crate) async fn until<T>(&self, look: impl Fn(&State) -> Option<T>) -> T {
+        timeout(HANGS_AFTER, self.seen(look)).await.expect("the worker did not do what was expected of it")
+    }
+
+    async fn seen<T>(&self, look: impl Fn(&State) -> Option<T>) -> T {
         loop {
             let changed = self.changed.notified();
             let seen = look(&self.state.lock().unwrap());
@@ -130,7 +143,7 @@ impl State {
             }
         }
         self.texts_sent += scenarios.len();
-        Leases { jobs, scenarios, retry_after_ms: 5 }
+        Leases { jobs, scenarios, retry_after_ms: self.retry_after_ms.unwrap_or(5) }
     }
 
     fn record(&mut self, report: Report) -> Recorded {
@@ -193,6 +206,10 @@ impl Link for Queue {
             state.renewals.push(call.body);
             Reply::Ok(Renewed { lost: state.lost.clone() })
         })
+    }
+
+    fn changes(&self) -> Option<watch::Receiver<u64>> {
+        Some(self.submitted.subscribe())
     }
 }
 

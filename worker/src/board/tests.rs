@@ -56,6 +56,23 @@ fn a_batch_is_two_seconds_of_work_within_its_limits() {
 }
 
 #[test]
+fn no_more_is_claimed_while_too_many_results_wait_for_their_acknowledgement() {
+    let mut board = board_with(1, []);
+    let mut unacknowledged = Vec::new();
+    for job in 1.. {
+        if board.want() == 0 {
+            break;
+        }
+        board.add(lease(job), scenario());
+        run_one(&mut board, Duration::ZERO);
+        unacknowledged.extend(board.take_ended());
+    }
+    assert!(unacknowledged.len() <= MAX_HELD);
+    board.forget(&unacknowledged);
+    assert_eq!(board.want(), MAX_CLAIM);
+}
+
+#[test]
 fn threads_beyond_the_work_are_not_engaged() {
     let mut board = board_with(4, [lease(1), lease(2)]);
     assert_eq!(board.engage(), 2);
@@ -91,11 +108,12 @@ fn a_run_that_must_be_alone_waits_for_the_others_and_holds_up_those_behind() {
 
 #[test]
 fn a_lease_that_is_held_already_is_ignored_and_another_attempt_is_not() {
-    let mut board = board_with(1, [lease(1), lease(1), LeasedJob { attempt: 2, ..lease(1) }]);
-    assert_eq!(board.held().len(), 2);
-    run_one(&mut board, Duration::ZERO);
+    let mut board = board_with(4, [lease(1), lease(1), LeasedJob { attempt: 2, ..lease(1) }]);
+    let attempts: Vec<u32> = std::iter::from_fn(|| board.take()).map(|work| work.lease.attempt).collect();
+    assert_eq!(attempts, [1, 2]);
+    board.finish(&lease(1), done(), Duration::ZERO);
     board.add(lease(1), scenario());
-    assert_eq!(board.held().len(), 2, "it ended, and is not acknowledged yet");
+    assert!(board.take().is_none(), "it ended, and is not acknowledged yet");
 }
 
 #[test]

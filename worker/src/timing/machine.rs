@@ -3,12 +3,16 @@
 use std::fs;
 use std::sync::OnceLock;
 
+/// A processor's name is cut to this length; the coordinator takes 200.
+const MAX_MODEL_BYTES: usize = 100;
+
 /// The processor's name as the operating system gives it, `unknown` where it gives none.
 pub(super) fn cpu_model() -> &'static str {
     static MODEL: OnceLock<String> = OnceLock::new();
     MODEL.get_or_init(|| {
         let text = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-        parse_cpu_model(&text).unwrap_or("unknown").to_owned()
+        let model = parse_cpu_model(&text).unwrap_or("unknown");
+        model[..model.floor_char_boundary(MAX_MODEL_BYTES)].to_owned()
     })
 }
 

@@ -52,6 +52,19 @@ async fn every_job_is_run_once_with_its_own_seed() {
 }
 
 #[tokio::test]
+async fn new_work_is_begun_at_once_where_the_link_can_tell() {
+    let queue = queue();
+    queue.with(|state| state.retry_after_ms = Some(60_000));
+    let life = Life::begin(Arc::clone(&queue), 1);
+    queue.until(|state| (!state.claims.is_empty()).then_some(())).await;
+    let submitted = std::time::Instant::now();
+    queue.submit(r#"{"sum": 3}"#, 1..=1);
+    queue.ends(1).await;
+    assert!(submitted.elapsed() < Duration::from_secs(5));
+    life.end().await;
+}
+
+#[tokio::test]
 async fn equal_jobs_give_equal_digests_on_any_number_of_threads() {
     let mut seen = Vec::new();
     for threads in [1, 2] {
@@ -90,6 +103,21 @@ async fn a_lost_job_is_stopped() {
     assert_eq!(queue.ends(1).await[&JobId(1)], RunEnd::HandedBack);
     queue.submit(r#"{"sum": 3}"#, 2..=2);
     queue.ends(2).await;
+    life.end().await;
+}
+
+#[tokio::test]
+async fn a_run_on_record_is_not_renewed_any_more() {
+    let queue = queue();
+    queue.submit(r#"{"sum": 3}"#, 1..=1);
+    let life = Life::begin(Arc::clone(&queue), 1);
+    queue.ends(1).await;
+    queue.submit(r#""endless""#, 2..=2);
+    let only_the_second = |state: &State| {
+        let jobs = |renewal: &furrow_schema::protocol::Renew| renewal.held.iter().map(|held| held.job.0).collect();
+        state.renewals.iter().map(jobs).find(|jobs: &Vec<i64>| jobs == &[2])
+    };
+    queue.until(only_the_second).await;
     life.end().await;
 }
 
@@ -192,7 +220,7 @@ async fn a_worker_can_be_stopped_while_the_coordinator_is_away() {
     assert_eq!(life.end().await, Summary::default());
 }
 
-#[tokio::test(start_paused = true)]
+#[tokio::test]
 async fn a_worker_whose_coordinator_vanished_leaves_within_five_seconds() {
     let queue = queue();
     queue.submit(r#"{"sum": 3}"#, 1..=10);
@@ -201,6 +229,7 @@ async fn a_worker_whose_coordinator_vanished_leaves_within_five_seconds() {
     queue.submit(r#""endless""#, 11..=11);
     queue.until(|state| state.queue.is_empty().then_some(())).await;
     queue.with(|state| state.away = true);
+    tokio::time::pause();
     let began = tokio::time::Instant::now();
     life.end().await;
     assert!(began.elapsed() < Duration::from_secs(5));
