@@ -109,9 +109,13 @@ fn compiler_release() -> String {
 fn list_plans(folder: &Path) {
     println!("cargo::rerun-if-changed={}", folder.display());
     let mut code = String::from("&[\n");
-    for path in files(folder, "json") {
+    let name = |path: &Path| {
         let name = path.strip_prefix(folder).expect("it lies in the folder").with_extension("");
-        let name = name.display().to_string().replace('\\', "/");
+        name.display().to_string().replace('\\', "/")
+    };
+    let mut plans: Vec<_> = files(folder, "json").into_iter().map(|path| (name(&path), path)).collect();
+    plans.sort();
+    for (name, path) in plans {
         writeln!(code, "    ({name:?}, include_str!({:?})),", path.display().to_string()).expect("a text takes all");
     }
     code.push_str("]\n");

@@ -195,7 +195,10 @@ enum Pilot {
 
 /// A LiDAR with its own perception.
 struct Eye {
+    /// Where the LiDAR is.
     robot_from_lidar: RobotFromLidar,
+    /// Where the robot believes it to be.
+    believed: RobotFromLidar,
     lidar: PlanarLidar,
     noise: Stream,
     perception: Perception,
@@ -240,7 +243,7 @@ impl Pilot {
             if !looks_back {
                 observer.count_points(found.points.len());
             }
-            timed(probe, Part::Control, || mission.filter_mut().sense(eye.robot_from_lidar, found));
+            timed(probe, Part::Control, || mission.filter_mut().sense(eye.believed, found));
         }
     }
 
@@ -265,9 +268,12 @@ impl Eye {
             (RobotFromLidar { x_m: sensors.front_x_m, looks_back: false }, "lidar-front", "line-finder-front"),
             (RobotFromLidar { x_m: sensors.back_x_m, looks_back: true }, "lidar-back", "line-finder-back"),
         ];
-        let eye = |(robot_from_lidar, lidar, line_finder)| {
+        let eye = |(robot_from_lidar, lidar, line_finder): (RobotFromLidar, &str, &str)| {
+            let error_m =
+                if robot_from_lidar.looks_back { -sensors.mounting_error_m } else { sensors.mounting_error_m };
             Some(Self {
                 robot_from_lidar,
+                believed: RobotFromLidar { x_m: robot_from_lidar.x_m + error_m, ..robot_from_lidar },
                 lidar: PlanarLidar::new(sensors),
                 noise: Stream::new(seed.0, lidar),
                 perception: Perception::new(&scenario.perception)?,

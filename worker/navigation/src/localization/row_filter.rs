@@ -1,50 +1,68 @@
-//! The filter: four slots, the rows around the robot from left to right, kept from cycle to cycle.
+//! The filter: slots for the rows around the robot, from left to right, kept from cycle to cycle.
 //!
 //! Guyonneau et al. (2022), sections 3.1 (the row spacing, measured while the robot stands) and 3.2
-//! (algorithm 4); thresholds and the points of the slots after the program behind their tables.
+//! (algorithm 4); the points of the slots after the program behind their tables.
+//!
+//! Deviation: the paper leaves the number of slots and the threshold of a match open. The program keeps two rows
+//! on each side, matches from a tolerance of 0.05 upward until anything matches, lets a later line overwrite
+//! an earlier one, and unsets all slots when nothing matches. One line of weeds that happens to match at the
+//! smallest tolerance then moves all rows, and in a crop with holes there may be no plant in any of four rows:
+//! on drawn fields of crop 4 that fails in every second run. The defaults here keep three rows on each side, match
+//! the nearest line within 0.15, then 0.30, and keep the slots as the paper's text says. The program's values
+//! are named with each parameter; the plan `guyonneau2022/filter` shows what the difference does.
 
 use super::merge::{MergedLines, RobotFromLidar};
 use crate::perception::line::{Line, same_slope, slant};
 use crate::perception::{Found, Points};
 
-/// Slots: the two rows to the left of the robot, the two to its right.
-pub const SLOTS: usize = 4;
-/// The slot of the row just left of the robot.
-pub const LEFT: usize = 1;
-/// The slot of the row just right of the robot.
-pub const RIGHT: usize = 2;
+/// At most so many rows on each side of the robot.
+const MOST_ROWS: usize = 4;
+
+crate::words! {
+    /// Which of several lines within the tolerance a slot takes.
+    pub enum Matching {
+        /// The nearest.
+        Nearest = "nearest",
+        /// The last one; all of them enter the mean slope: the program behind the tables.
+        Last = "last",
+    }
+}
 
 crate::words! {
     /// What becomes of the slots in a cycle in which no line matches any.
     pub enum NoMatch {
-        /// They are unset, so nothing can match afterwards either: the program behind the tables.
-        Unset = "unset",
         /// They stay as they were: the paper's text.
         Keep = "keep",
+        /// They are unset, so nothing can match afterwards either: the program behind the tables.
+        Unset = "unset",
     }
 }
 
 crate::parameters! {
     /// Parameters of [`RowFilter`].
     pub struct RowFilterParams {
+        /// Rows kept on each side of the robot, half of the paper's n. Ours; program: 2.
+        pub rows_per_side: u32 = 3, "1", [1, 4];
         /// Cycles over which the row spacing is averaged before the robot moves. Program: 10.
         pub spacing_cycles: u32 = 10, "1", [1, 1000];
         /// While measuring the spacing, the pair's first line is within this slope. Program: 0.05.
         pub spacing_slope: f64 = 0.05, "1", [0.0, 1.0];
         /// While measuring the spacing, the pair's intercepts differ by at most this (or 20 %). Program: 0.2.
         pub spacing_offset_m: f64 = 0.2, "m", [0.0, 2.0];
-        /// First and smallest slope tolerance of a match; it grows in steps of the same size. Program: 0.05.
-        pub match_step: f64 = 0.05, "1", [0.001, 1.0];
-        /// Largest number of such steps. Program: 6, a tolerance of 0.30.
-        pub match_steps: u32 = 6, "1", [1, 100];
+        /// First and smallest slope tolerance of a match; it grows in steps of the same size. Ours; program: 0.05.
+        pub match_step: f64 = 0.15, "1", [0.001, 1.0];
+        /// Largest number of such steps, to a tolerance of 0.30. Ours; program: 6.
+        pub match_steps: u32 = 2, "1", [1, 100];
         /// Tolerance of the intercept per tolerance of the slope. Program: 1.2.
         pub match_intercept_m: f64 = 1.2, "m", [0.01, 10.0];
+        /// Which of several matching lines a slot takes. Ours; program: `last`.
+        pub matching: Matching = Matching::Nearest, "";
         /// A point closer than this to a found row is one of its points. Program: 0.2.
         pub attach_distance_m: f64 = 0.2, "m", [0.001, 2.0];
-        /// What becomes of the slots when nothing matches.
-        pub no_match: NoMatch = NoMatch::Unset, "";
-        /// Cycles without a match after which the robot is lost. Program: 3; 12 suits `keep`.
-        pub lost_after: u32 = 3, "1", [1, 1000];
+        /// What becomes of the slots when nothing matches. Paper: `keep`; program: `unset`.
+        pub no_match: NoMatch = NoMatch::Keep, "";
+        /// Cycles without a match after which the robot is lost. Ours, for `keep`; program: 3.
+        pub lost_after: u32 = 12, "1", [1, 1000];
     }
 }
 
@@ -59,18 +77,30 @@ pub struct Row {
     pub extent_m: Option<(f64, f64)>,
 }
 
-/// The rows around the robot.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// The rows around the robot, as many to its left as to its right.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Rows {
-    /// From left to right.
-    pub slots: [Row; SLOTS],
+    /// From left to right; never fewer than two.
+    pub slots: Vec<Row>,
 }
 
 impl Rows {
+    /// The row just left of the robot.
+    #[must_use]
+    pub fn left(&self) -> &Row {
+        &self.slots[self.slots.len() / 2 - 1]
+    }
+
+    /// The row just right of the robot.
+    #[must_use]
+    pub fn right(&self) -> &Row {
+        &self.slots[self.slots.len() / 2]
+    }
+
     /// Mean slope of the rows just left and right.
     #[must_use]
     pub fn slope(&self) -> f64 {
-        0.5 * (self.slots[LEFT].line.slope + self.slots[RIGHT].line.slope)
+        0.5 * (self.left().line.slope + self.right().line.slope)
     }
 
     /// Smallest and largest x of all rows' points [m].
@@ -85,7 +115,7 @@ fn union(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
 }
 
 /// Where the filter stands after a cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Tracking {
     /// The row spacing is being measured; the robot must stand.
     Measuring,
@@ -110,8 +140,17 @@ pub struct RowFilter {
 
 #[derive(Debug, Clone)]
 enum State {
-    Measuring { cycles: u32, spacing_m: f64, slope: f64 },
-    Tracking { spacing_m: f64, slope: f64, intercepts_m: Option<[f64; SLOTS]> },
+    Measuring {
+        cycles: u32,
+        spacing_m: f64,
+        slope: f64,
+    },
+    /// The slots' intercepts from left to right; none once they are unset.
+    Tracking {
+        spacing_m: f64,
+        slope: f64,
+        intercepts_m: Option<Vec<f64>>,
+    },
 }
 
 impl RowFilter {
@@ -148,20 +187,20 @@ impl RowFilter {
     pub fn cycle(&mut self) -> Tracking {
         let tracking = match self.state.clone() {
             State::Measuring { cycles, spacing_m, slope } => self.measure(cycles, spacing_m, slope),
-            State::Tracking { spacing_m, slope, intercepts_m } => self.track(spacing_m, slope, intercepts_m),
+            State::Tracking { spacing_m, slope, intercepts_m } => self.track(spacing_m, slope, intercepts_m.as_deref()),
         };
         self.merged.clear();
         tracking
     }
 
-    /// Makes the rows at `left` and `left + 1` the ones just beside the robot: it has changed rows.
+    /// The robot has changed to the inter-row on its left: every row is one slot further to the right.
     ///
-    /// The outermost row on the side it moved to is put in at the measured spacing.
-    pub fn shift(&mut self, left: usize) {
-        let State::Tracking { spacing_m, slope, intercepts_m: Some(old) } = &mut self.state else { return };
-        let step = *spacing_m * slant(*slope);
-        *old =
-            if left < LEFT { [old[0] + step, old[0], old[1], old[2]] } else { [old[1], old[2], old[3], old[3] - step] };
+    /// A new leftmost row is put in at the measured spacing.
+    pub fn shift_left(&mut self) {
+        let State::Tracking { spacing_m, slope, intercepts_m: Some(intercepts) } = &mut self.state else { return };
+        let leftmost = intercepts[0] + *spacing_m * slant(*slope);
+        intercepts.rotate_right(1);
+        intercepts[0] = leftmost;
     }
 
     /// Section 3.1: the closest pair of lines to the left and right of the robot, equidistant and straight ahead.
@@ -177,12 +216,22 @@ impl RowFilter {
             return Tracking::Measuring;
         }
         let step = spacing_m * slant(slope);
-        let (left, right) = (left.intercept_m, right.intercept_m);
-        let intercepts_m = [left + step, left, right, right - step];
+        let side = self.params.rows_per_side as usize;
+        let intercepts_m: Vec<f64> = (0..2 * side)
+            .map(|i| {
+                if i < side {
+                    left.intercept_m + (side - 1 - i) as f64 * step
+                } else {
+                    right.intercept_m - (i - side) as f64 * step
+                }
+            })
+            .collect();
+        let beside = |i: usize| i + 1 == side || i == side;
+        let found: Vec<_> =
+            intercepts_m.iter().enumerate().map(|(i, b)| beside(i).then(|| Line::new(slope, *b))).collect();
+        let rows = self.rows(&found, slope, &intercepts_m);
         self.state = State::Tracking { spacing_m, slope, intercepts_m: Some(intercepts_m) };
-        let row = |i: usize, intercept: f64| Some(Line::new(slope, intercept)).filter(|_| i == LEFT || i == RIGHT);
-        let found = [0, 1, 2, 3].map(|i| row(i, intercepts_m[i]));
-        Tracking::Rows(self.rows(found, slope, intercepts_m))
+        Tracking::Rows(rows)
     }
 
     fn closest_pair(&self) -> Option<(Line, Line)> {
@@ -210,19 +259,22 @@ impl RowFilter {
     }
 
     /// Algorithm 4: matches lines with the rows of the last cycle, and computes those without a match.
-    fn track(&mut self, spacing_m: f64, slope: f64, intercepts_m: Option<[f64; SLOTS]>) -> Tracking {
-        let matched = intercepts_m.and_then(|before| self.widen_until_matched(slope, before).map(|m| (before, m)));
+    fn track(&mut self, spacing_m: f64, slope: f64, before: Option<&[f64]>) -> Tracking {
+        let matched = before.and_then(|before| self.widen_until_matched(slope, before).map(|m| (before, m)));
         let Some((before, matches)) = matched else { return self.miss() };
         self.missed = 0;
         let slope = matches.slope_sum / matches.count;
         let step = spacing_m * slant(slope);
         let best = matches.best_slot;
-        let intercepts = [0, 1, 2, 3].map(|i| match matches.slots[i] {
-            Some(line) => line.intercept_m,
-            None => before[best] + (best as f64 - i as f64) * step,
-        });
-        self.state = State::Tracking { spacing_m, slope, intercepts_m: Some(intercepts) };
-        Tracking::Rows(self.rows(matches.slots, slope, intercepts))
+        let intercepts_m: Vec<f64> = (0..before.len())
+            .map(|i| match matches.slots[i] {
+                Some(line) => line.intercept_m,
+                None => before[best] + (best as f64 - i as f64) * step,
+            })
+            .collect();
+        let rows = self.rows(&matches.slots[..before.len()], slope, &intercepts_m);
+        self.state = State::Tracking { spacing_m, slope, intercepts_m: Some(intercepts_m) };
+        Tracking::Rows(rows)
     }
 
     fn miss(&mut self) -> Tracking {
@@ -234,21 +286,26 @@ impl RowFilter {
     }
 
     /// The matches at the smallest tolerance that gives any.
-    fn widen_until_matched(&self, slope: f64, before: [f64; SLOTS]) -> Option<Matches> {
+    fn widen_until_matched(&self, slope: f64, before: &[f64]) -> Option<Matches> {
         (1..=self.params.match_steps)
             .map(|step| self.matches(self.params.match_step * f64::from(step), slope, before))
             .find(|matches| matches.count > 0.0)
     }
 
-    fn matches(&self, tolerance: f64, slope: f64, before: [f64; SLOTS]) -> Matches {
-        let mut matches =
-            Matches { slots: [None; SLOTS], slope_sum: 0.0, count: 0.0, best: f64::INFINITY, best_slot: 0 };
+    fn matches(&self, tolerance: f64, slope: f64, before: &[f64]) -> Matches {
+        let mut matches = Matches::default();
         for (i, expected) in before.iter().enumerate() {
-            for line in self.merged.iter() {
+            let candidates = self.merged.iter().filter_map(|line| {
                 let slope_gap = (line.slope - slope).abs();
                 let intercept_gap = (line.intercept_m - expected).abs();
-                if slope_gap <= tolerance && intercept_gap <= self.params.match_intercept_m * tolerance {
-                    matches.take(i, line, slope_gap + intercept_gap);
+                let close = slope_gap <= tolerance && intercept_gap <= self.params.match_intercept_m * tolerance;
+                close.then_some((line, slope_gap + intercept_gap))
+            });
+            match self.params.matching {
+                Matching::Last => candidates.for_each(|(line, gap)| matches.take(i, line, gap)),
+                Matching::Nearest => {
+                    let nearest = candidates.min_by(|a, b| a.1.total_cmp(&b.1));
+                    nearest.into_iter().for_each(|(line, gap)| matches.take(i, line, gap));
                 }
             }
         }
@@ -256,15 +313,15 @@ impl RowFilter {
     }
 
     /// Gives each row its points: a found one those near it, a computed one the extents of all found ones.
-    fn rows(&self, found: [Option<Line>; SLOTS], slope: f64, intercepts_m: [f64; SLOTS]) -> Rows {
-        let extents = found.map(|line| line.and_then(|line| self.extent(line)));
+    fn rows(&self, found: &[Option<Line>], slope: f64, intercepts_m: &[f64]) -> Rows {
+        let extents: Vec<_> = found.iter().map(|line| line.and_then(|line| self.extent(line))).collect();
         let all = extents.iter().filter_map(|extent| *extent).reduce(union);
-        let slots = [0, 1, 2, 3].map(|i| Row {
-            line: found[i].unwrap_or(Line::new(slope, intercepts_m[i])),
-            computed: found[i].is_none(),
-            extent_m: if found[i].is_some() { extents[i] } else { all },
+        let rows = found.iter().zip(intercepts_m).zip(extents).map(|((line, intercept), extent)| Row {
+            line: line.unwrap_or(Line::new(slope, *intercept)),
+            computed: line.is_none(),
+            extent_m: if line.is_some() { extent } else { all },
         });
-        Rows { slots }
+        Rows { slots: rows.collect() }
     }
 
     /// Smallest and largest x of the newest points near `line`.
@@ -277,11 +334,17 @@ impl RowFilter {
 /// Lines matched with slots at one tolerance.
 #[derive(Debug, Clone, Copy)]
 struct Matches {
-    slots: [Option<Line>; SLOTS],
+    slots: [Option<Line>; 2 * MOST_ROWS],
     slope_sum: f64,
     count: f64,
     best: f64,
     best_slot: usize,
+}
+
+impl Default for Matches {
+    fn default() -> Self {
+        Self { slots: [None; 2 * MOST_ROWS], slope_sum: 0.0, count: 0.0, best: f64::INFINITY, best_slot: 0 }
+    }
 }
 
 impl Matches {
@@ -349,10 +412,11 @@ mod tests {
         sense(&mut filter, &[(0.0, 0.52)], &[(1.0, 0.5)]);
         let rows = rows(filter.cycle());
         let intercepts: Vec<f64> = rows.slots.iter().map(|row| row.line.intercept_m).collect();
-        for (intercept, expected) in intercepts.iter().zip([1.5, 0.52, -0.5, -1.5]) {
+        for (intercept, expected) in intercepts.iter().zip([2.5, 1.5, 0.52, -0.5, -1.5, -2.5]) {
             assert!((intercept - expected).abs() < 1e-12, "{intercepts:?}");
         }
-        assert_eq!(rows.slots.map(|row| row.computed), [true, false, true, true]);
+        let computed: Vec<bool> = rows.slots.iter().map(|row| row.computed).collect();
+        assert_eq!(computed, [true, true, false, true, true, true]);
     }
 
     #[test]
@@ -360,20 +424,31 @@ mod tests {
         let mut filter = tracking();
         sense(&mut filter, &[(0.0, 0.5)], &[(1.0, 0.5), (-3.0, 0.6), (9.0, 2.0)]);
         let rows = rows(filter.cycle());
-        assert_eq!(rows.slots[LEFT].extent_m, Some((-2.5, 1.5)));
-        assert_eq!(rows.slots[RIGHT].extent_m, Some((-2.5, 1.5)));
+        assert_eq!(rows.left().extent_m, Some((-2.5, 1.5)));
+        assert_eq!(rows.right().extent_m, Some((-2.5, 1.5)));
+    }
+
+    #[test]
+    fn a_slot_takes_the_nearest_line_or_as_in_the_program_the_last_one() {
+        for (matching, expected) in [(Matching::Nearest, 0.51), (Matching::Last, 0.53)] {
+            let mut filter = tracking();
+            filter.params.matching = matching;
+            sense(&mut filter, &[(0.0, 0.51), (0.14, 0.6)], &[]);
+            assert!((rows(filter.cycle()).left().line.intercept_m - expected).abs() < 1e-12);
+        }
     }
 
     #[test]
     fn nothing_matched_is_soon_lost_when_slots_are_unset_and_later_when_kept() {
         let mut filter = tracking();
+        filter.params.no_match = NoMatch::Unset;
+        filter.params.lost_after = 3;
         assert_eq!(filter.cycle(), Tracking::Nothing);
         sense(&mut filter, &[(0.0, 0.5)], &[]);
         assert_eq!(filter.cycle(), Tracking::Nothing);
         assert_eq!(filter.cycle(), Tracking::Lost);
 
         let mut filter = tracking();
-        filter.params.no_match = NoMatch::Keep;
         assert_eq!(filter.cycle(), Tracking::Nothing);
         sense(&mut filter, &[(0.0, 0.5)], &[]);
         assert!(matches!(filter.cycle(), Tracking::Rows(_)));
@@ -382,9 +457,9 @@ mod tests {
     #[test]
     fn a_shift_makes_the_next_pair_the_middle_one() {
         let mut filter = tracking();
-        filter.shift(0);
+        filter.shift_left();
         let State::Tracking { intercepts_m: Some(intercepts), .. } = filter.state else { panic!("not tracking") };
-        for (intercept, expected) in intercepts.iter().zip([2.5, 1.5, 0.5, -0.5]) {
+        for (intercept, expected) in intercepts.iter().zip([3.5, 2.5, 1.5, 0.5, -0.5, -1.5]) {
             assert!((intercept - expected).abs() < 1e-12);
         }
     }

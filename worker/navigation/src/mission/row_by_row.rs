@@ -6,8 +6,7 @@
 
 use super::{Brief, Step};
 use crate::control::{Fuzzy, WheelSpeeds};
-use crate::localization::row_filter::{LEFT, RIGHT, Rows, SLOTS};
-use crate::localization::row_filter::{RowFilter, Tracking};
+use crate::localization::row_filter::{RowFilter, Rows, Tracking};
 
 crate::parameters! {
     /// Parameters of [`RowByRow`].
@@ -145,8 +144,7 @@ impl RowByRow {
         if end_cycles >= self.params.end_cycles {
             return self.stop_then(if self.inter_row >= self.brief.inter_rows { Next::Finish } else { Next::Leave });
         }
-        let (left, right) = (rows.slots[LEFT].line, rows.slots[RIGHT].line);
-        Step::Drive(self.fuzzy.follow(left, right, self.travel == Travel::Forward))
+        Step::Drive(self.fuzzy.follow(rows.left().line, rows.right().line, self.travel == Travel::Forward))
     }
 
     /// Whether all points of the rows lie behind the robot, in its direction of travel.
@@ -159,11 +157,15 @@ impl RowByRow {
 
     /// Drives at the leaving angle until the pair of rows on the new side is the middle one.
     fn change(&mut self, rows: &Rows) -> Step {
-        // Both kinds of change go to the left: the pair of the outer and the left row becomes the middle one.
-        let sum_m = rows.slots[LEFT - 1].line.intercept_m + rows.slots[LEFT].line.intercept_m;
+        // Both kinds of change go to the left: the left row and the one beyond it become the middle pair.
         let spacing_m = self.filter.spacing_m().unwrap_or(f64::INFINITY);
+        let beyond_m = match rows.slots.len() / 2 {
+            1 => rows.left().line.intercept_m + spacing_m * rows.left().line.slant(),
+            side => rows.slots[side - 2].line.intercept_m,
+        };
+        let sum_m = beyond_m + rows.left().line.intercept_m;
         if sum_m.abs() <= self.params.centred_m.min(self.params.centred_share * spacing_m) {
-            self.filter.shift(LEFT - 1);
+            self.filter.shift_left();
             return self.stop_then(Next::Enter);
         }
         let speed = -self.travel.sign() * self.params.change_speed;
@@ -200,5 +202,3 @@ impl RowByRow {
         Step::Drive(WheelSpeeds::STOP)
     }
 }
-
-const _: () = assert!(SLOTS == 4 && LEFT == 1 && RIGHT == 2);

@@ -85,36 +85,37 @@ impl Population {
         }
     }
 
-    /// Merges each line into the first one that is the same: the smaller into the larger, then refit.
-    ///
-    /// After a line has lost to a later one the walk goes on with its predecessor, as in the program behind
-    /// the tables.
+    /// Merges same lines: the one with fewer points into the other, then refit; ties go to the earlier one.
     pub(super) fn fuse(&mut self, points: &Points) {
         self.names.clear();
         self.names.extend(0..self.lines.len() as u64);
         let mut i = 0;
         while i < self.lines.len() {
-            let mut j = i + 1;
-            while j < self.lines.len() {
-                if !same_line(self.lines[i], self.lines[j]) {
-                    j += 1;
-                } else if self.counts[i] >= self.counts[j] {
-                    self.absorb(i, j, points);
-                } else {
-                    self.absorb(j, i, points);
-                    if i == 0 {
-                        j = self.lines.len();
-                    } else {
-                        i -= 1;
-                        j += 1;
-                        continue;
-                    }
-                    // The walk starts again at the first line, which has not been compared yet.
-                    i = usize::MAX;
-                }
-            }
-            i = i.wrapping_add(1);
+            i = self.fuse_from(i, points);
         }
+    }
+
+    /// Compares line `i` with all later ones; returns where to go on.
+    ///
+    /// When line `i` loses to a later one, its predecessor is compared with the lines after the winner, as in
+    /// the program behind the tables.
+    fn fuse_from(&mut self, mut i: usize, points: &Points) -> usize {
+        let mut j = i + 1;
+        while j < self.lines.len() {
+            if !same_line(self.lines[i], self.lines[j]) {
+                j += 1;
+            } else if self.counts[i] >= self.counts[j] {
+                self.absorb(i, j, points);
+            } else {
+                self.absorb(j, i, points);
+                if i == 0 {
+                    return 0;
+                }
+                i -= 1;
+                j += 1;
+            }
+        }
+        i + 1
     }
 
     /// Moves the points of `loser` to `winner`, refits it if there are any, and removes `loser`.

@@ -16,10 +16,12 @@ furrow_navigation::parameters! {
     /// Two planar LiDARs of one kind at 40 Hz, the front one looking forward and the back one backward.
     /// Guyonneau et al. (2022), section 4.1.1; odometry after Eliazar and Parr, coefficients for a skid-steered robot on soil.
     pub struct TwoPlanarLidarsParams {
-        /// Position of the front LiDAR ahead of the robot's centre. Program: 0.50 (its controller assumes 0.55).
+        /// Position of the front LiDAR ahead of the robot's centre. Program: 0.50.
         pub front_x_m: f64 = 0.5, "m", [-5.0, 5.0];
         /// Position of the back LiDAR. Program: -0.50.
         pub back_x_m: f64 = -0.5, "m", [-5.0, 5.0];
+        /// How much farther out than they are the robot believes both LiDARs to be. Program: 0.05 (0.55 for 0.50).
+        pub mounting_error_m: f64 = 0.0, "m", [-1.0, 1.0];
         /// Beams of each, both ends of the field of view included. Paper: 360.
         pub beams: u32 = 360, "1", [2, 10000];
         /// Field of view, symmetric about the LiDAR's x axis. Paper: pi.

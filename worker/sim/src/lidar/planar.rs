@@ -1,5 +1,8 @@
 //! A planar LiDAR among vertical stems: exact rays against circles, object by object.
 //!
+//! Beams begin at the closest range, so a stem that the LiDAR has just driven up to hides nothing: the robot
+//! passes over weeds, which bend down before it.
+//!
 //! Each stem is met only by the beams in its angular window, found by an approximate bearing that is never
 //! used for more. Stems within reach are gathered once and kept until the LiDAR has moved on.
 
@@ -49,10 +52,10 @@ impl PlanarLidar {
         self.gather(plants, world_from_lidar);
         self.cast(world_from_lidar);
         for range in &mut self.ranges_m {
-            if *range < self.range_min_m || *range > self.range_max_m {
-                *range = f64::INFINITY;
-            } else {
+            if *range <= self.range_max_m {
                 *range = (*range + self.noise_m * random.normal()).clamp(self.range_min_m, self.range_max_m);
+            } else {
+                *range = f64::INFINITY;
             }
         }
         Scan { beams: &self.beams, ranges_m: &self.ranges_m }
@@ -88,9 +91,7 @@ impl PlanarLidar {
             }
             let radius2 = radius * radius;
             if distance2 <= radius2 {
-                // Inside a stem: every beam ends at once.
-                self.ranges_m.fill(0.0);
-                return;
+                continue;
             }
             // The half-width asin(r / d) is below tan of itself, r / sqrt(d^2 - r^2).
             let half = radius / (distance2 - radius2).sqrt();
@@ -105,7 +106,7 @@ impl PlanarLidar {
                 let depth2 = radius2 - across * across;
                 if depth2 >= 0.0 && along > 0.0 {
                     let range = along - depth2.sqrt();
-                    if range < self.ranges_m[i] {
+                    if range >= self.range_min_m && range < self.ranges_m[i] {
                         self.ranges_m[i] = range;
                     }
                 }
@@ -147,9 +148,9 @@ mod tests {
             .map(|i| {
                 let angle = from.heading_rad + beams.angle_min_rad + i as f64 * beams.angle_increment_rad;
                 let (uy, ux) = libm::sincos(angle);
-                plants.iter().map(|p| ray(p, from, ux, uy)).fold(f64::INFINITY, f64::min)
+                let ranges = plants.iter().map(|p| ray(p, from, ux, uy)).filter(|range| (0.1..=4.0).contains(range));
+                ranges.fold(f64::INFINITY, f64::min)
             })
-            .map(|range| if (0.1..=4.0).contains(&range) { range } else { f64::INFINITY })
             .collect()
     }
 
@@ -170,7 +171,7 @@ mod tests {
             let plants: Vec<_> = places
                 .iter()
                 .map(|(x, y, r)| plant(*x, *y, *r))
-                .filter(|p| libm::hypot(p.x_m - 0.3, p.y_m + 0.2) > p.radius_m + 0.1)
+                .filter(|p| libm::hypot(p.x_m - 0.3, p.y_m + 0.2) > p.radius_m)
                 .collect();
             let mut lidar = exact();
             let scan = lidar.scan(&plants, from, &mut Stream::new(1, "lidar"));
