@@ -19,6 +19,11 @@ pub mod run;
 pub mod scenario;
 pub mod svg;
 
+#[cfg(test)]
+mod golden;
+#[cfg(test)]
+mod table5;
+
 pub use pose::Pose;
 pub use run::{Outcome, Part, Probe, RunResult, Seed, simulate};
 pub use scenario::{Scenario, ScenarioError};

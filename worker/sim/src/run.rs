@@ -283,3 +283,104 @@ impl Eye {
         ends.into_iter().filter_map(eye).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::tests::base;
+    use serde_json::{Value, json};
+
+    fn scenario(patches: &[(&str, Value)]) -> Scenario {
+        let mut value = base();
+        for (part, patch) in patches {
+            value[*part] = patch.clone();
+        }
+        Scenario::from_value(value).unwrap()
+    }
+
+    fn short(max_time_s: f64) -> (&'static str, Value) {
+        ("limits", json!({"kind": "simulated-time", "max_time_s": max_time_s}))
+    }
+
+    #[test]
+    fn the_same_scenario_and_seed_give_the_same_result_and_another_seed_another() {
+        let scenario = scenario(&[short(5.0)]);
+        let first = simulate(&scenario, Seed(1), &mut ());
+        assert_eq!(first, simulate(&scenario, Seed(1), &mut ()));
+        assert_ne!(first.digest, simulate(&scenario, Seed(2), &mut ()).digest);
+        assert_eq!((first.outcome, first.metrics["simulated_s"]), (Outcome::Time, 5.0));
+    }
+
+    #[test]
+    fn a_field_without_plants_is_an_outcome() {
+        let field = json!({
+            "kind": "custom", "name": "bare", "row_spacing_m": 1.0, "plants": [], "inter_rows": 1,
+            "rows": [{"points_m": [[0.0, -0.5], [5.0, -0.5]]}, {"points_m": [[0.0, 0.5], [5.0, 0.5]]}],
+            "start": {"x_m": 0.0, "y_m": 0.0, "heading_rad": 0.0}
+        });
+        let result = simulate(&scenario(&[("field", field)]), Seed(1), &mut ());
+        assert_eq!(result.outcome, Outcome::Stuck);
+        assert_eq!(result.metrics["points_processed"], 0.0);
+        assert!(!result.metrics.contains_key("closest_plant_m"));
+    }
+
+    #[test]
+    fn the_oracle_succeeds_in_every_crop() {
+        for crop in 1..=4 {
+            let field = json!({"kind": "guyonneau2022", "crop": crop, "seed": "job"});
+            let result =
+                simulate(&scenario(&[("field", field), ("perception", json!({"kind": "oracle"}))]), Seed(3), &mut ());
+            assert_eq!(result.outcome, Outcome::Success, "crop {crop}: {result:?}");
+        }
+    }
+
+    #[test]
+    fn an_oracle_follows_curved_rows() {
+        let arc = |radius: f64| -> Vec<[f64; 2]> {
+            (0..=20)
+                .map(|i| 0.03 * f64::from(i))
+                .map(|a| [radius * libm::sin(a), 20.0 - radius * libm::cos(a)])
+                .collect()
+        };
+        let rows: Vec<_> = [20.5, 19.5].iter().map(|radius| json!({"points_m": arc(*radius)})).collect();
+        let stem = |radius: f64, row: u32| {
+            move |i: u32| {
+                let (sin, cos) = libm::sincos(0.01 * f64::from(i));
+                json!({"x_m": radius * sin, "y_m": 20.0 - radius * cos, "radius_m": 0.02, "height_m": 1.0, "kind": "crop", "row": row})
+            }
+        };
+        let plants: Vec<_> = (0..=60).flat_map(|i| [stem(20.5, 0)(i), stem(19.5, 1)(i)]).collect();
+        let field = json!({
+            "kind": "custom", "name": "curve", "row_spacing_m": 1.0, "rows": rows, "plants": plants, "inter_rows": 1,
+            "start": {"x_m": 0.0, "y_m": 0.0, "heading_rad": 0.0}
+        });
+        let result =
+            simulate(&scenario(&[("field", field), ("perception", json!({"kind": "oracle"}))]), Seed(1), &mut ());
+        assert_eq!(result.outcome, Outcome::Success, "{result:?}");
+        assert!(result.metrics["mean_squared_error_mm2"] < 50.0_f64.powi(2));
+    }
+
+    #[test]
+    fn a_probe_stops_a_run_and_sees_twenty_poses_a_second() {
+        #[derive(Default)]
+        struct Watch {
+            poses: u32,
+            parts: Vec<Part>,
+        }
+        impl Probe for Watch {
+            fn begin(&mut self, part: Part) {
+                self.parts.push(part);
+            }
+            fn pose(&mut self, _time_s: f64, _pose: Pose) {
+                self.poses += 1;
+            }
+            fn stop(&mut self) -> bool {
+                self.poses >= 20
+            }
+        }
+        let mut watch = Watch::default();
+        let result = simulate(&scenario(&[]), Seed(1), &mut watch);
+        assert_eq!((result.outcome, watch.poses), (Outcome::Stopped, 20));
+        assert!(Part::ALL.iter().all(|part| watch.parts.contains(part)));
+    }
+}

@@ -1,0 +1,50 @@
+//! Digests of a few short runs, checked in: the same bits in every profile and on every machine.
+//!
+//! A change that is meant to change results writes them anew: `UPDATE_GOLDEN=1 cargo test -p furrow-sim golden`.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::scenario::tests::base;
+use crate::{Scenario, Seed, simulate};
+
+const FILE: &str = "golden/digests.json";
+
+/// Name, perception, mission, crop, selection: short runs that together pass through every part.
+fn runs() -> BTreeMap<String, Scenario> {
+    let mut runs = BTreeMap::new();
+    for crop in 1..=4 {
+        for (name, perception, mission) in [
+            ("rgop", json!({"kind": "rgop"}), "row-by-row"),
+            ("rgop-as-printed", json!({"kind": "rgop", "selection": "as-printed", "passes_per_scan": 2}), "row-by-row"),
+            ("oracle", json!({"kind": "oracle"}), "row-by-row"),
+            ("heading-hold", json!({"kind": "none"}), "heading-hold"),
+        ] {
+            let mut scenario = base();
+            scenario["field"] = json!({"kind": "guyonneau2022", "crop": crop, "seed": "job"});
+            scenario["perception"] = perception;
+            scenario["mission"] = json!({"kind": mission});
+            scenario["limits"]["max_time_s"] = json!(if name == "oracle" { 170.0 } else { 12.0 });
+            runs.insert(format!("{name}-crop-{crop}"), Scenario::from_value(scenario).unwrap());
+        }
+    }
+    runs
+}
+
+fn digests() -> BTreeMap<String, String> {
+    let hex = |digest: [u8; 32]| blake3::Hash::from(digest).to_hex().to_string();
+    runs().into_iter().map(|(name, scenario)| (name, hex(simulate(&scenario, Seed(7), &mut ()).digest))).collect()
+}
+
+#[test]
+fn short_runs_give_the_golden_digests() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE);
+    let digests = digests();
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        std::fs::write(&path, serde_json::to_string_pretty(&digests).unwrap() + "\n").unwrap();
+    }
+    let golden: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+    assert_eq!(serde_json::to_value(&digests).unwrap(), golden, "results have changed; see the head of this file");
+}
