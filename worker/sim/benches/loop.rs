@@ -1,0 +1,84 @@
+//! What the parts of the loop cost: `cargo bench -p furrow-sim`.
+//!
+//! Scans are taken in the middle of the first inter-row of each crop, field seed 1.
+
+use std::hint::black_box;
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use furrow_navigation::parameters::Kinds;
+use furrow_navigation::perception::{Beams, LineFinderSpec, Scan};
+use furrow_navigation::random::Stream;
+use furrow_sim::field::{Field, FieldSeed, FieldSpec, guyonneau2022::Guyonneau2022Params};
+use furrow_sim::lidar::{PlanarLidar, TwoPlanarLidarsParams};
+use furrow_sim::{Pose, Scenario, Seed, simulate};
+use serde_json::{Map, json};
+
+fn field(crop: u32) -> Field {
+    FieldSpec::Guyonneau2022(Guyonneau2022Params { crop, seed: FieldSeed::Fixed(1) }).build(1)
+}
+
+/// The front LiDAR in the middle of the first inter-row.
+fn middle(field: &Field) -> Pose {
+    let [x_m, y_m] = field.middles[0].at(0.5 * field.middles[0].length_m());
+    Pose { x_m, y_m, heading_rad: 0.0 }.sensor(0.5, false)
+}
+
+fn scans(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("scan");
+    for crop in 1..=4 {
+        let field = field(crop);
+        let at = middle(&field);
+        let mut lidar = PlanarLidar::new(&TwoPlanarLidarsParams::default());
+        let mut noise = Stream::new(1, "lidar-front");
+        group.bench_function(BenchmarkId::from_parameter(format!("crop-{crop}")), |bench| {
+            bench.iter(|| black_box(lidar.scan(&field.plants, black_box(at), &mut noise).ranges_m[0]));
+        });
+    }
+}
+
+fn line_finders(criterion: &mut Criterion) {
+    for kind in LineFinderSpec::kinds() {
+        let mut group = criterion.benchmark_group(kind);
+        for crop in 1..=4 {
+            let recorded = record(&field(crop), 40);
+            let beams = Beams::new(360, std::f64::consts::PI);
+            let mut finder = LineFinderSpec::read_kind(kind, Map::new()).expect("defaults are allowed").build();
+            let mut random = Stream::new(1, "line-finder-front");
+            let mut turn = recorded.iter().cycle();
+            group.bench_function(BenchmarkId::from_parameter(format!("crop-{crop}")), |bench| {
+                bench.iter(|| {
+                    let ranges_m = turn.next().expect("a cycle has no end");
+                    black_box(finder.find(&Scan { beams: &beams, ranges_m }, &mut random).lines.len())
+                });
+            });
+        }
+    }
+}
+
+/// `n` scans from one place, each with its own noise.
+fn record(field: &Field, n: usize) -> Vec<Vec<f64>> {
+    let mut lidar = PlanarLidar::new(&TwoPlanarLidarsParams::default());
+    let mut noise = Stream::new(1, "lidar-front");
+    (0..n).map(|_| lidar.scan(&field.plants, middle(field), &mut noise).ranges_m.to_vec()).collect()
+}
+
+fn runs(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("run of 10 simulated seconds");
+    group.sample_size(10);
+    for crop in 1..=4 {
+        let scenario = Scenario::from_value(json!({
+            "field": {"kind": "guyonneau2022", "crop": crop}, "robot": {"kind": "two-wheeled"},
+            "sensors": {"kind": "two-planar-lidars"}, "perception": {"kind": "rgop"},
+            "localization": {"kind": "row-filter"}, "control": {"kind": "fuzzy"},
+            "mission": {"kind": "row-by-row"}, "observer": {"kind": "inter-rows"},
+            "limits": {"kind": "simulated-time", "max_time_s": 10.0}
+        }))
+        .expect("a scenario of known parts");
+        group.bench_function(BenchmarkId::from_parameter(format!("rgop, crop-{crop}")), |bench| {
+            bench.iter(|| simulate(black_box(&scenario), Seed(1), &mut ()).digest);
+        });
+    }
+}
+
+criterion_group!(benches, scans, line_finders, runs);
+criterion_main!(benches);
