@@ -5,11 +5,11 @@ use std::sync::{Mutex, PoisonError};
 
 use furrow_schema::id::SweepId;
 
-/// The rate is taken over this long [ms].
+/// The rate is taken over this long \[ms\].
 const WINDOW_MS: i64 = 30_000;
-/// A rate over less than this would be noise [ms].
+/// A rate over less than this would be noise \[ms\].
 const SHORTEST_MS: i64 = 1_000;
-/// Results are counted in spans of this length [ms].
+/// Results are counted in spans of this length \[ms\].
 const BUCKET_MS: i64 = 1_000;
 
 /// Recent results by sweep.

@@ -66,7 +66,7 @@ pub struct RunRecord {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Timings {
-    /// The whole run [ms].
+    /// The whole run \[ms\].
     pub wall_ms: f64,
     /// True when nothing else ran on the worker at the time: only such figures go into tables of times.
     pub alone: bool,
@@ -88,10 +88,10 @@ pub struct PartTiming {
     pub part: String,
     /// How many times it ran.
     pub calls: u64,
-    /// Mean of a call [us].
+    /// Mean of a call \[us\].
     pub mean_us: f64,
-    /// Median of a call [us].
+    /// Median of a call \[us\].
     pub p50_us: f64,
-    /// 99th percentile of a call [us].
+    /// 99th percentile of a call \[us\].
     pub p99_us: f64,
 }

@@ -15,10 +15,10 @@ pub const KEY_PREFIX: &str = "furrow/v1";
 /// The namespace where none is chosen.
 pub const DEFAULT_NAMESPACE: &str = "default";
 
-/// A worker's lease on a job lasts this long without a renewal [ms].
+/// A worker's lease on a job lasts this long without a renewal \[ms\].
 pub const LEASE_MS: i64 = 30_000;
 
-/// Workers renew this often [ms].
+/// Workers renew this often \[ms\].
 pub const RENEW_EVERY_MS: u64 = 1_000;
 
 /// A claim asks for at most this many jobs.
@@ -156,9 +156,9 @@ pub struct Hello {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Welcome {
-    /// A lease lasts this long without a renewal [ms].
+    /// A lease lasts this long without a renewal \[ms\].
     pub lease_ms: i64,
-    /// Renew this often [ms].
+    /// Renew this often \[ms\].
     pub renew_every_ms: u64,
 }
 
@@ -182,7 +182,7 @@ pub struct Leases {
     pub jobs: Vec<LeasedJob>,
     /// Texts of those jobs' scenarios that the worker did not name.
     pub scenarios: Vec<ScenarioText>,
-    /// When there are no jobs: ask again after this long [ms].
+    /// When there are no jobs: ask again after this long \[ms\].
     pub retry_after_ms: u64,
 }
 

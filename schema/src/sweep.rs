@@ -99,7 +99,7 @@ pub struct Sweep {
     pub cached: u64,
     /// Results recorded per second over the last 30 s [1/s]; null while nothing is known.
     pub rate_per_s: Option<f64>,
-    /// Time left at that rate [s]; null while nothing is known, 0 when nothing is left.
+    /// Time left at that rate \[s\]; null while nothing is known, 0 when nothing is left.
     pub eta_s: Option<f64>,
     /// Which code runs it.
     #[schema(value_type = String)]

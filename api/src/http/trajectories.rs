@@ -21,7 +21,7 @@ use super::negotiate::{Form, choose};
 use super::problem::Problem;
 use super::replays::{Order, Replay};
 
-/// Time between two poses [s].
+/// Time between two poses \[s\].
 const STEP_S: f64 = 0.05;
 
 /// Where a run went.

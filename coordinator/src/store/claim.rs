@@ -12,7 +12,7 @@ use sqlx::SqliteConnection;
 use crate::error::StoreError;
 use crate::store::{scenario, to_json, unsigned};
 
-/// A worker that found nothing asks again after this long [ms].
+/// A worker that found nothing asks again after this long \[ms\].
 const RETRY_AFTER_MS: u64 = 250;
 
 /// An earlier claim of the same request.

@@ -8,7 +8,7 @@ use sqlx::SqliteConnection;
 use crate::error::StoreError;
 use crate::store::to_json;
 
-/// A lease that is younger than this is not written again [ms].
+/// A lease that is younger than this is not written again \[ms\].
 const GRAIN_MS: i64 = 5_000;
 
 /// Those of the jobs (job, attempt, running) that are worker ?2's, with how the database has them.

@@ -22,7 +22,7 @@ use crate::view::AttemptEnd;
 
 /// After so many panics a job is given up on.
 pub(crate) const MAX_PANICS: u32 = 3;
-/// After the first panic a job waits so long [ms], after each further one twice as long.
+/// After the first panic a job waits so long \[ms\], after each further one twice as long.
 const BACK_OFF_MS: i64 = 1_000;
 
 /// Where jobs stand, who holds them, and what is on record.

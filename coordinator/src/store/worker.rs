@@ -10,7 +10,7 @@ use crate::error::StoreError;
 use crate::store::{Store, hash, to_json, unsigned};
 use crate::view::WorkerInfo;
 
-/// When a worker was last seen is kept to this [ms], to save writing it with every question.
+/// When a worker was last seen is kept to this \[ms\], to save writing it with every question.
 const SEEN_GRAIN_MS: i64 = 5_000;
 
 /// Workers by name.

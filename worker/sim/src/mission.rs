@@ -33,9 +33,9 @@ furrow_navigation::parameters! {
 /// What heading-hold is told beforehand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
-    /// From the start to the end of the first row [m].
+    /// From the start to the end of the first row \[m\].
     pub row_length_m: f64,
-    /// [m]
+    /// \[m\]
     pub row_spacing_m: f64,
     /// Inter-rows to drive through.
     pub inter_rows: u32,

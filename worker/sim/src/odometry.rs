@@ -10,7 +10,7 @@ use crate::Pose;
 use crate::lidar::TwoPlanarLidarsParams;
 use crate::robot::two_wheeled::Motion;
 
-/// Noise is drawn per so much distance [m] or turn [rad].
+/// Noise is drawn per so much distance \[m\] or turn \[rad\].
 const CHUNK: f64 = 0.1;
 
 /// Where the robot thinks it is, by its wheels alone.

@@ -12,11 +12,11 @@ use serde_json::{Map, Value};
 use crate::Pose;
 use crate::field::Field;
 
-/// Rows farther from the LiDAR than this are not seen by the oracle either [m]: its range.
+/// Rows farther from the LiDAR than this are not seen by the oracle either \[m\]: its range.
 const SIGHT_M: f64 = 4.0;
 /// A row steeper than this is not a line y = a x + b any more.
 const STEEPEST: f64 = 20.0;
-/// Neighbouring returns closer than this become one point, as for the finders on Z* [m].
+/// Neighbouring returns closer than this become one point, as for the finders on Z* \[m\].
 const FUSE_DISTANCE_M: f64 = 0.05;
 
 /// What turns scans into lines.

@@ -1,13 +1,13 @@
 //! Poses in the plane.
 
-/// Position [m] and heading [rad, counter-clockwise] in the plane: `world_from_robot`.
+/// Position \[m\] and heading [rad, counter-clockwise] in the plane: `world_from_robot`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose {
-    /// [m]
+    /// \[m\]
     pub x_m: f64,
-    /// [m]
+    /// \[m\]
     pub y_m: f64,
-    /// [rad]
+    /// \[rad\]
     pub heading_rad: f64,
 }
 
@@ -34,7 +34,7 @@ impl Pose {
         Self { x_m: self.x_m + ahead_m * cos, y_m: self.y_m + ahead_m * sin, heading_rad: self.heading_rad + turned }
     }
 
-    /// A point of the world in this pose's frame [m].
+    /// A point of the world in this pose's frame \[m\].
     #[must_use]
     pub fn local(&self, x_m: f64, y_m: f64) -> (f64, f64) {
         let (sin, cos) = libm::sincos(self.heading_rad);

@@ -17,7 +17,7 @@ use crate::perception::Perception;
 use crate::robot::{RobotSpec, TwoWheeled};
 use crate::{Pose, Scenario};
 
-/// One step of the loop [s]: the period of the LiDARs, 40 Hz.
+/// One step of the loop \[s\]: the period of the LiDARs, 40 Hz.
 pub const STEP_S: f64 = 0.025;
 /// Steps per control cycle: 250 ms, the program behind the tables of Guyonneau et al. (2022).
 pub const STEPS_PER_CYCLE: u64 = 10;

@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use crate::field::{Field, PlantKind};
 use crate::{Pose, RunResult, Scenario, Seed};
 
-/// Space around the drawing [m].
+/// Space around the drawing \[m\].
 const MARGIN_M: f64 = 1.0;
-/// Room for title and key below the field [m].
+/// Room for title and key below the field \[m\].
 const CAPTION_M: f64 = 1.1;
-/// Stems are drawn at least this large [m]; the true radius is two centimetres.
+/// Stems are drawn at least this large \[m\]; the true radius is two centimetres.
 const SMALLEST_STEM_M: f64 = 0.045;
 /// Pixels per metre of the drawing's nominal size.
 const PIXELS_PER_M: f64 = 60.0;
@@ -35,7 +35,7 @@ pub fn trajectory(scenario: &Scenario, seed: Seed, path: &[Pose], result: &RunRe
     svg
 }
 
-/// The drawn part of the world [m].
+/// The drawn part of the world \[m\].
 struct Bounds {
     x: [f64; 2],
     y: [f64; 2],

@@ -140,7 +140,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// (position, angle [rad], left, right), computed by the fuzzy library that the paper used.
+    /// (position, angle \[rad\], left, right), computed by the fuzzy library that the paper used.
     const CHECKS: [(f64, f64, f64, f64); 16] = [
         (0.0, 0.0, 0.888537, 0.888537),
         (0.2, 0.0, 0.749183, 0.888537),

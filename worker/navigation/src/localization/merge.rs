@@ -6,14 +6,14 @@ use crate::perception::line::same_line;
 /// Where a LiDAR sits on the robot: on the x axis, looking forward or back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotFromLidar {
-    /// Position along the robot's x axis [m].
+    /// Position along the robot's x axis \[m\].
     pub x_m: f64,
     /// Whether it looks back (yaw pi).
     pub looks_back: bool,
 }
 
 impl RobotFromLidar {
-    /// A point of the LiDAR's frame in the robot's frame [m].
+    /// A point of the LiDAR's frame in the robot's frame \[m\].
     #[must_use]
     pub fn point(&self, x_m: f64, y_m: f64) -> (f64, f64) {
         if self.looks_back { (self.x_m - x_m, -y_m) } else { (self.x_m + x_m, y_m) }

@@ -73,7 +73,7 @@ pub struct Row {
     pub line: Line,
     /// Whether it was computed from another row because no line matched it.
     pub computed: bool,
-    /// Smallest and largest x of its points [m]; of all found rows' points if computed; none without points.
+    /// Smallest and largest x of its points \[m\]; of all found rows' points if computed; none without points.
     pub extent_m: Option<(f64, f64)>,
 }
 
@@ -103,7 +103,7 @@ impl Rows {
         0.5 * (self.left().line.slope + self.right().line.slope)
     }
 
-    /// Smallest and largest x of all rows' points [m].
+    /// Smallest and largest x of all rows' points \[m\].
     #[must_use]
     pub fn extent_m(&self) -> Option<(f64, f64)> {
         self.slots.iter().filter_map(|row| row.extent_m).reduce(union)
@@ -161,7 +161,7 @@ impl RowFilter {
         Self { params, merged: MergedLines::default(), points: Default::default(), state, missed: 0 }
     }
 
-    /// The measured distance between rows [m], once it is known.
+    /// The measured distance between rows \[m\], once it is known.
     #[must_use]
     pub fn spacing_m(&self) -> Option<f64> {
         match self.state {

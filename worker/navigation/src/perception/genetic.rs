@@ -24,7 +24,7 @@ pub(super) struct Population {
     lines: Vec<Line>,
     /// Points per line.
     counts: Vec<u32>,
-    /// Sum of orthogonal distances of each line's points [m], eq. 6.
+    /// Sum of orthogonal distances of each line's points \[m\], eq. 6.
     energies: Vec<f64>,
     /// Line of each point, or [`OUTLIER`].
     owners: Vec<u64>,

@@ -5,7 +5,7 @@
 pub struct Line {
     /// dy / dx; positive when the robot is turned clockwise with respect to the row.
     pub slope: f64,
-    /// y at x = 0 [m]; positive to the left.
+    /// y at x = 0 \[m\]; positive to the left.
     pub intercept_m: f64,
 }
 
@@ -16,7 +16,7 @@ impl Line {
         Self { slope, intercept_m }
     }
 
-    /// Orthogonal distance of the point (x, y) [m].
+    /// Orthogonal distance of the point (x, y) \[m\].
     #[must_use]
     pub fn distance_m(&self, x_m: f64, y_m: f64) -> f64 {
         (self.slope * x_m - y_m + self.intercept_m).abs() / self.slant()
@@ -39,7 +39,7 @@ pub fn slant(slope: f64) -> f64 {
 
 /// How alike two lines must be to count as one; the program behind the tables of Guyonneau et al. (2022).
 pub const SAME_SLOPE: f64 = 0.1;
-/// See [`SAME_SLOPE`]: for intercepts [m], and as a share.
+/// See [`SAME_SLOPE`]: for intercepts \[m\], and as a share.
 pub const SAME_INTERCEPT: f64 = 0.2;
 
 /// Whether two slopes are the same: their difference is within 0.1, or their ratio within 10 % of one.

@@ -3,9 +3,9 @@
 /// The fixed geometry of a planar LiDAR's beams.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Beams {
-    /// Direction of the first beam [rad], counter-clockwise from the x axis of the LiDAR.
+    /// Direction of the first beam \[rad\], counter-clockwise from the x axis of the LiDAR.
     pub angle_min_rad: f64,
-    /// From one beam to the next [rad].
+    /// From one beam to the next \[rad\].
     pub angle_increment_rad: f64,
     /// Cosine of each beam's direction.
     pub cos: Vec<f64>,
@@ -41,16 +41,16 @@ impl Beams {
 pub struct Scan<'a> {
     /// The beams' directions.
     pub beams: &'a Beams,
-    /// Range per beam [m]; anything that is not a finite positive number means no return.
+    /// Range per beam \[m\]; anything that is not a finite positive number means no return.
     pub ranges_m: &'a [f64],
 }
 
 /// Points in the plane, coordinates apart.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Points {
-    /// x of each point [m].
+    /// x of each point \[m\].
     pub x_m: Vec<f64>,
-    /// y of each point [m].
+    /// y of each point \[m\].
     pub y_m: Vec<f64>,
 }
 

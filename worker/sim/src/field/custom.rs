@@ -10,7 +10,7 @@ use crate::Pose;
 pub const MAX_PLANTS: usize = 100_000;
 /// At most so many rows, and points in a row.
 pub const MAX_ROWS: usize = 1_000;
-/// Coordinates lie within this of the origin [m].
+/// Coordinates lie within this of the origin \[m\].
 const MAX_COORDINATE_M: f64 = 10_000.0;
 
 /// The file's content.
@@ -19,7 +19,7 @@ const MAX_COORDINATE_M: f64 = 10_000.0;
 pub struct CustomField {
     /// For people, and the label in tables.
     pub name: String,
-    /// Distance between rows [m].
+    /// Distance between rows \[m\].
     pub row_spacing_m: f64,
     /// Rows, from the robot's right to its left; the robot starts between the first two.
     pub rows: Vec<CustomRow>,
@@ -29,7 +29,7 @@ pub struct CustomField {
     pub start: Start,
     /// How many inter-rows to drive through: fewer than there are rows.
     pub inter_rows: u32,
-    /// Positions count into the squared error where x lies in this range [m]; none: 1 m inside the row.
+    /// Positions count into the squared error where x lies in this range \[m\]; none: 1 m inside the row.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error_range_x_m: Option<[f64; 2]>,
 }
@@ -38,7 +38,7 @@ pub struct CustomField {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CustomRow {
-    /// Two points or more (x, y) [m], in the direction in which the robot drives first.
+    /// Two points or more (x, y) \[m\], in the direction in which the robot drives first.
     pub points_m: Vec<[f64; 2]>,
 }
 
@@ -46,11 +46,11 @@ pub struct CustomRow {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Start {
-    /// [m]
+    /// \[m\]
     pub x_m: f64,
-    /// [m]
+    /// \[m\]
     pub y_m: f64,
-    /// [rad], counter-clockwise from the x axis.
+    /// \[rad\], counter-clockwise from the x axis.
     pub heading_rad: f64,
 }
 

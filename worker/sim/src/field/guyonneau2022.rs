@@ -18,11 +18,11 @@ furrow_navigation::parameters! {
 
 /// Rows of each crop.
 const ROWS: usize = 6;
-/// Radius of every stem, weeds included [m].
+/// Radius of every stem, weeds included \[m\].
 const STEM_RADIUS_M: f64 = 0.02;
-/// Height of every stem [m]; the LiDARs look across below it.
+/// Height of every stem \[m\]; the LiDARs look across below it.
 const STEM_HEIGHT_M: f64 = 1.0;
-/// Weeds keep this distance from every plant and from the outer rows [m].
+/// Weeds keep this distance from every plant and from the outer rows \[m\].
 const WEED_DISTANCE_M: f64 = 0.15;
 
 /// What makes a crop.
@@ -30,15 +30,15 @@ struct Crop {
     row_spacing_m: f64,
     row_length_m: f64,
     plants_per_row: usize,
-    /// Regular plants stand this far apart [m]; none: x is uniform.
+    /// Regular plants stand this far apart \[m\]; none: x is uniform.
     regular_m: Option<f64>,
-    /// Full width of the scatter across the row [m].
+    /// Full width of the scatter across the row \[m\].
     band_m: f64,
     min_spacing_m: f64,
     weeds: usize,
-    /// Stretches of x that are planted, by row [m]; empty: all.
+    /// Stretches of x that are planted, by row \[m\]; empty: all.
     planted_m: [&'static [[f64; 2]]; ROWS],
-    /// Weeds also keep this distance from the rows' centre lines [m].
+    /// Weeds also keep this distance from the rows' centre lines \[m\].
     weed_row_distance_m: f64,
     error_range_x_m: [f64; 2],
 }

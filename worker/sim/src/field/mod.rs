@@ -68,13 +68,13 @@ pub enum PlantKind {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plant {
-    /// [m]
+    /// \[m\]
     pub x_m: f64,
-    /// [m]
+    /// \[m\]
     pub y_m: f64,
-    /// Radius of the stem [m].
+    /// Radius of the stem \[m\].
     pub radius_m: f64,
-    /// [m]
+    /// \[m\]
     pub height_m: f64,
     /// Crop or weed.
     pub kind: PlantKind,
@@ -88,7 +88,7 @@ pub struct Plant {
 pub struct Field {
     /// For people.
     pub name: String,
-    /// Nominal distance between rows [m].
+    /// Nominal distance between rows \[m\].
     pub row_spacing_m: f64,
     /// Centre lines of the rows, in the order in which the robot meets them: from its right to its left.
     pub rows: Vec<Polyline>,
@@ -100,7 +100,7 @@ pub struct Field {
     pub start: Pose,
     /// How many inter-rows the robot is to drive through.
     pub inter_rows: u32,
-    /// Positions count into the squared error where x lies in this range [m]; none: 1 m inside the row's extent.
+    /// Positions count into the squared error where x lies in this range \[m\]; none: 1 m inside the row's extent.
     pub error_range_x_m: Option<[f64; 2]>,
 }
 

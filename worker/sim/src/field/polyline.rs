@@ -4,18 +4,18 @@
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polyline {
     points: Vec<[f64; 2]>,
-    /// Length from the first point to each point [m].
+    /// Length from the first point to each point \[m\].
     along_m: Vec<f64>,
 }
 
 /// A position relative to a polyline whose end pieces go on straight for ever.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OnLine {
-    /// Distance along the line from its first point [m]; negative before it.
+    /// Distance along the line from its first point \[m\]; negative before it.
     pub along_m: f64,
-    /// Length of the line [m].
+    /// Length of the line \[m\].
     pub length_m: f64,
-    /// Distance across [m]; positive to the left of the line's direction.
+    /// Distance across \[m\]; positive to the left of the line's direction.
     pub across_m: f64,
 }
 
@@ -28,7 +28,7 @@ impl OnLine {
 }
 
 impl Polyline {
-    /// The line through `points` (x, y) [m]: two at least, neighbours apart.
+    /// The line through `points` (x, y) \[m\]: two at least, neighbours apart.
     #[must_use]
     pub fn new(points: Vec<[f64; 2]>) -> Self {
         let mut along_m = Vec::with_capacity(points.len());
@@ -42,13 +42,13 @@ impl Polyline {
         Self { points, along_m }
     }
 
-    /// Its points (x, y) [m].
+    /// Its points (x, y) \[m\].
     #[must_use]
     pub fn points(&self) -> &[[f64; 2]] {
         &self.points
     }
 
-    /// Its length [m].
+    /// Its length \[m\].
     #[must_use]
     pub fn length_m(&self) -> f64 {
         self.along_m.last().copied().unwrap_or(0.0)

@@ -13,7 +13,7 @@ use super::TwoPlanarLidarsParams;
 use crate::Pose;
 use crate::field::Plant;
 
-/// Stems are gathered this much beyond the range, and again after the LiDAR has moved so far [m].
+/// Stems are gathered this much beyond the range, and again after the LiDAR has moved so far \[m\].
 const MARGIN_M: f64 = 0.5;
 /// Beams added on each side of a window: the bearing is off by far less than a beam.
 const GUARD_BEAMS: f64 = 1.0;
@@ -27,7 +27,7 @@ pub struct PlanarLidar {
     range_max_m: f64,
     noise_m: f64,
     gathered_at: Option<(f64, f64)>,
-    /// x, y, radius of the stems within reach [m].
+    /// x, y, radius of the stems within reach \[m\].
     near: Vec<[f64; 3]>,
 }
 
@@ -77,7 +77,7 @@ impl PlanarLidar {
         }
     }
 
-    /// Distance to the first stem on each beam [m]; infinity where there is none.
+    /// Distance to the first stem on each beam \[m\]; infinity where there is none.
     fn cast(&mut self, from: Pose) {
         self.ranges_m.fill(f64::INFINITY);
         let (sin, cos) = libm::sincos(from.heading_rad);

@@ -4,16 +4,16 @@ use crate::Pose;
 use crate::field::{Field, Plant, PlantKind};
 use crate::robot::TwoWheeledParams;
 
-/// Plants are gathered this much beyond the body's reach, and again after the robot has moved so far [m].
+/// Plants are gathered this much beyond the body's reach, and again after the robot has moved so far \[m\].
 const MARGIN_M: f64 = 0.5;
-/// Half the length of a wheel's patch of contact with the soil [m] (ours).
+/// Half the length of a wheel's patch of contact with the soil \[m\] (ours).
 const CONTACT_HALF_M: f64 = 0.05;
 
 /// Touched plants: by the body's rectangle, and by the wheels' footprints.
 pub(super) struct Damage<'a> {
     plants: &'a [Plant],
     body_half_m: (f64, f64),
-    /// Smallest and largest |y| of the wheels' footprints [m].
+    /// Smallest and largest |y| of the wheels' footprints \[m\].
     wheels_m: (f64, f64),
     touched_by_body: Vec<bool>,
     touched_by_wheel: Vec<bool>,
@@ -78,7 +78,7 @@ impl<'a> Damage<'a> {
         count(&self.touched_by_wheel)
     }
 
-    /// Smallest distance of the body to a crop plant's stem [m]; 0 if it was touched, none if all stayed far away.
+    /// Smallest distance of the body to a crop plant's stem \[m\]; 0 if it was touched, none if all stayed far away.
     pub(super) fn closest_m(&self) -> Option<f64> {
         self.closest_m.is_finite().then_some(self.closest_m)
     }
@@ -93,7 +93,7 @@ fn count(flags: &[bool]) -> u32 {
     flags.iter().map(|flag| u32::from(*flag)).sum()
 }
 
-/// Distance of (x, y) from a centred rectangle with these half lengths; 0 inside [m].
+/// Distance of (x, y) from a centred rectangle with these half lengths; 0 inside \[m\].
 fn outside(x: f64, y: f64, (half_x, half_y): (f64, f64)) -> f64 {
     let (dx, dy) = ((x.abs() - half_x).max(0.0), (y.abs() - half_y).max(0.0));
     (dx * dx + dy * dy).sqrt()

@@ -47,7 +47,7 @@ furrow_navigation::parameters! {
     }
 }
 
-/// Moved or turned by less than this, the robot is where it was [m], [rad].
+/// Moved or turned by less than this, the robot is where it was \[m\], \[rad\].
 const STUCK_M: f64 = 0.1;
 const STUCK_RAD: f64 = 0.1;
 

@@ -3,7 +3,7 @@
 use crate::Pose;
 use crate::field::{Field, OnLine, Polyline};
 
-/// So far inside its ends the robot is in an inter-row [m], or a quarter of its length if that is less.
+/// So far inside its ends the robot is in an inter-row \[m\], or a quarter of its length if that is less.
 const INSIDE_M: f64 = 1.0;
 
 /// Progress through the inter-rows, even ones driven from start to end, odd ones back.

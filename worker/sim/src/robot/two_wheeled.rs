@@ -34,9 +34,9 @@ pub struct TwoWheeled {
 /// How the robot moved in a step, as its own odometry would see it without error.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Motion {
-    /// Along its heading [m].
+    /// Along its heading \[m\].
     pub distance_m: f64,
-    /// Counter-clockwise [rad].
+    /// Counter-clockwise \[rad\].
     pub turn_rad: f64,
 }
 
@@ -72,7 +72,7 @@ impl TwoWheeled {
         (world_from_robot.moved(distance_m, turn_rad), Motion { distance_m, turn_rad })
     }
 
-    /// The angle that a wheel turns by within `step_s` [rad], and its speed afterwards [rad/s].
+    /// The angle that a wheel turns by within `step_s` \[rad\], and its speed afterwards [rad/s].
     fn turned(&self, speed: f64, command: f64, step_s: f64) -> (f64, f64) {
         let lag = self.params.wheel_lag_s;
         if lag <= 0.0 {
