@@ -9,7 +9,7 @@ pub use row_filter::{RowFilter, RowFilterParams, Rows};
 crate::kinds! {
     /// How the robot places itself among the rows.
     pub enum LocalizationSpec {
-        /// Four rows around the robot, kept by the filter of Guyonneau et al. (2022), algorithm 4.
+        /// The rows around the robot, kept by the filter of Guyonneau et al. (2022), algorithm 4.
         RowFilter(RowFilterParams) = "row-filter",
     }
 }
