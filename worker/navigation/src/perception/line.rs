@@ -42,16 +42,28 @@ pub const SAME_SLOPE: f64 = 0.1;
 /// See [`SAME_SLOPE`]: for intercepts \[m\], and as a share.
 pub const SAME_INTERCEPT: f64 = 0.2;
 
+/// How far a slope may be from `second` to be the same.
+#[must_use]
+pub fn slope_tolerance(second: f64) -> f64 {
+    SAME_SLOPE.max(SAME_SLOPE * second.abs())
+}
+
+/// How far an intercept may be from `second_m` to be the same \[m\].
+#[must_use]
+pub fn intercept_tolerance_m(second_m: f64) -> f64 {
+    SAME_INTERCEPT.max(SAME_INTERCEPT * second_m.abs())
+}
+
 /// Whether two slopes are the same: their difference is within 0.1, or their ratio within 10 % of one.
 #[must_use]
 pub fn same_slope(first: f64, second: f64) -> bool {
-    (first - second).abs() <= SAME_SLOPE.max(SAME_SLOPE * second.abs())
+    (first - second).abs() <= slope_tolerance(second)
 }
 
 /// Whether two intercepts are the same: their difference is within 0.2 m, or their ratio within 20 % of one.
 #[must_use]
 pub fn same_intercept(first_m: f64, second_m: f64) -> bool {
-    (first_m - second_m).abs() <= SAME_INTERCEPT.max(SAME_INTERCEPT * second_m.abs())
+    (first_m - second_m).abs() <= intercept_tolerance_m(second_m)
 }
 
 /// Whether two lines are the same: slope and intercept both are. Not symmetric: ratios are first over second.
@@ -71,6 +83,27 @@ pub struct LineFit {
 }
 
 impl LineFit {
+    /// Sums that were made elsewhere: the number of points, and the sums of x, y, x^2 and x y over them.
+    #[must_use]
+    pub(super) const fn from_sums([n, x, y, xx, xy]: [f64; 5]) -> Self {
+        Self { n, x, y, xx, xy }
+    }
+
+    /// Number of points taken in.
+    #[must_use]
+    pub const fn points(&self) -> f64 {
+        self.n
+    }
+
+    /// Takes in all points of `other`.
+    pub fn merge(&mut self, other: &Self) {
+        self.n += other.n;
+        self.x += other.x;
+        self.y += other.y;
+        self.xx += other.xx;
+        self.xy += other.xy;
+    }
+
     /// Takes a point in.
     pub fn add(&mut self, x: f64, y: f64) {
         self.n += 1.0;

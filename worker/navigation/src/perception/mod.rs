@@ -3,9 +3,20 @@
 //! A new line finder is one new file, and here three lines: its module, its variant of [`LineFinderSpec`] and
 //! its arm in [`LineFinderSpec::build`].
 
+mod candidates;
 mod genetic;
 pub mod line;
+mod overlap;
+mod pair_energy;
+pub mod pearl;
+mod population;
+mod ranking;
+pub mod rg;
 pub mod rgop;
+pub mod rgoppn;
+pub mod rgoppni;
+pub mod ruby;
+mod sampling;
 pub mod scan;
 
 #[cfg(test)]
@@ -34,8 +45,18 @@ pub trait LineFinder: Send {
 crate::kinds! {
     /// Which line finder to run, with its parameters.
     pub enum LineFinderSpec {
+        /// Lines through random points, judged by their energy, from nothing at each scan.
+        Pearl(pearl::PearlParams) = "pearl",
+        /// Pearl from the lines of the last scan.
+        Ruby(ruby::RubyParams) = "ruby",
+        /// Ruby genetic: a population of lines.
+        Rg(rg::RgParams) = "rg",
         /// Ruby genetic one point.
         Rgop(rgop::RgopParams) = "rgop",
+        /// Ruby genetic one point, positive and negative: half of the lines on each side.
+        Rgoppn(rgoppn::RgoppnParams) = "rgoppn",
+        /// Ruby genetic one point, positive, negative and infinity: a point may belong to several lines.
+        Rgoppni(rgoppni::RgoppniParams) = "rgoppni",
     }
 }
 
@@ -44,7 +65,12 @@ impl LineFinderSpec {
     #[must_use]
     pub fn build(&self) -> Box<dyn LineFinder> {
         match self {
+            Self::Pearl(params) => Box::new(pearl::Pearl::new(params.clone())),
+            Self::Ruby(params) => Box::new(ruby::Ruby::new(params.clone())),
+            Self::Rg(params) => Box::new(rg::Rg::new(params.clone())),
             Self::Rgop(params) => Box::new(rgop::Rgop::new(params.clone())),
+            Self::Rgoppn(params) => Box::new(rgoppn::Rgoppn::new(params.clone())),
+            Self::Rgoppni(params) => Box::new(rgoppni::Rgoppni::new(params.clone())),
         }
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! Guyonneau et al. (2022), sections 2.2.1 and 2.2.2; constants of the program behind their tables.
 
-use super::genetic::{PairWeights, Population};
-use super::{Found, Line, LineFinder, Points, Scan, Selection};
+use super::genetic::{Draw, Genetic, Rules};
+use super::{Found, LineFinder, Points, Scan, Selection};
 use crate::random::Stream;
 
 crate::parameters! {
@@ -37,81 +37,37 @@ crate::parameters! {
 /// The line finder.
 #[derive(Debug)]
 pub struct Rgop {
-    params: RgopParams,
+    fuse_distance_m: f64,
     points: Points,
-    population: Population,
-    best: Population,
-    weights: PairWeights,
-    lines: Vec<Line>,
+    search: Genetic,
 }
 
 impl Rgop {
     /// A finder that has seen no scan yet.
     #[must_use]
     pub fn new(params: RgopParams) -> Self {
-        Self {
-            params,
-            points: Points::default(),
-            population: Population::new(),
-            best: Population::new(),
-            weights: PairWeights::default(),
-            lines: Vec::new(),
-        }
-    }
-
-    /// One search from the lines of the last one.
-    fn pass(&mut self, random: &mut Stream) {
-        let kept = self.population.lines().len();
-        let target = (self.params.lines as usize).saturating_sub(kept);
-        self.population.detach(&self.points);
-        let mut lowest = f64::INFINITY;
-        for _ in 0..self.params.iterations {
-            self.iterate(target, random);
-            if self.params.selection == Selection::AsPrinted {
-                lowest = self.keep_lowest(lowest);
-            }
-        }
-    }
-
-    fn iterate(&mut self, target: usize, random: &mut Stream) {
-        let params = &self.params;
-        self.population.sample(&self.points, target, random);
-        self.population.fuse(&self.points);
-        self.population.attach(&self.points, params.attach_distance_m);
-        self.population.select(
-            &self.points,
-            params.tiny,
-            params.keep as usize,
-            params.fitness_weight,
-            params.fitness_power,
-        );
-    }
-
-    /// Goes back to the best lines so far if the present ones are worse; returns the lowest energy.
-    fn keep_lowest(&mut self, lowest: f64) -> f64 {
-        let energy = self.population.energy(&self.weights, self.params.outlier_penalty);
-        if energy < lowest {
-            self.best.clone_from(&self.population);
-            energy
-        } else {
-            self.population.clone_from(&self.best);
-            lowest
-        }
+        let rules = Rules {
+            iterations: params.iterations,
+            draw: Draw::FillUpLessKept,
+            lines: params.lines,
+            keep: params.keep,
+            tiny: params.tiny,
+            attach_distance_m: params.attach_distance_m,
+            fitness_weight: params.fitness_weight,
+            fitness_power: params.fitness_power,
+            outlier_penalty: params.outlier_penalty,
+            lowest_energy: params.selection == Selection::AsPrinted,
+            passes: params.passes_per_scan,
+        };
+        Self { fuse_distance_m: params.fuse_distance_m, points: Points::default(), search: Genetic::new(rules) }
     }
 }
 
 impl LineFinder for Rgop {
     fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
-        self.points.read_scan_fused(scan, self.params.fuse_distance_m);
-        if self.params.selection == Selection::AsPrinted {
-            self.weights.compute(&self.points);
-        }
-        self.lines.clear();
-        for _ in 0..self.params.passes_per_scan {
-            self.pass(random);
-            self.lines.extend_from_slice(self.population.lines());
-        }
-        Found { points: &self.points, lines: &self.lines }
+        self.points.read_scan_fused(scan, self.fuse_distance_m);
+        let lines = self.search.find(&self.points, random);
+        Found { points: &self.points, lines }
     }
 }
 

@@ -1,0 +1,189 @@
+//! Candidate lines and the points of one scan, each of which belongs to one line or to none.
+
+use super::Points;
+use super::candidates::{Candidates, GONE};
+use super::line::{LineFit, slant};
+
+/// The owner of a point that belongs to no line.
+pub(super) const OUTLIER: u32 = GONE;
+
+/// So many points meet all lines at a time.
+const LANES: usize = 8;
+
+/// Lines and which points belong to them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Population {
+    pub(super) lines: Candidates,
+    /// Line of each point, or [`OUTLIER`].
+    pub(super) owners: Vec<u32>,
+    /// Distance of each point to its line when it was attached \[m\]; what it may be at most for an outlier.
+    nearest_m: Vec<f64>,
+    /// Scratch: slope, y and intercept of each line, divided by its slant; sums per line, then of the outliers.
+    normals: Vec<[f64; 3]>,
+    sums: Vec<[f64; 5]>,
+}
+
+impl Population {
+    /// Forgets the points of the last scan and keeps the lines; `n` points are outliers now.
+    pub(super) fn detach(&mut self, n: usize) {
+        self.lines.detach();
+        self.owners.clear();
+        self.owners.resize(n, OUTLIER);
+    }
+
+    /// The points that belong to no line, in order.
+    pub(super) fn outliers(&self) -> impl Iterator<Item = u32> + Clone + '_ {
+        (0..).zip(&self.owners).filter(|(_, owner)| **owner == OUTLIER).map(|(i, _)| i)
+    }
+
+    /// Gives each point to its nearest line if that is closer than `distance_m`; the first line wins ties.
+    pub(super) fn attach(&mut self, points: &Points, distance_m: f64) {
+        self.normals.clear();
+        self.normals.extend(self.lines.iter().map(|line| {
+            let scale = 1.0 / line.slant();
+            [line.slope * scale, scale, line.intercept_m * scale]
+        }));
+        self.owners.resize(points.len(), OUTLIER);
+        self.nearest_m.resize(points.len(), distance_m);
+        let places = points.x_m.chunks(LANES).zip(points.y_m.chunks(LANES));
+        let results = self.owners.chunks_mut(LANES).zip(self.nearest_m.chunks_mut(LANES));
+        for ((x, y), (owners, nearest_m)) in places.zip(results) {
+            let (distances, lines) = nearest_lines(&self.normals, padded(x), padded(y), distance_m);
+            for (((owner, nearest), line), distance) in owners.iter_mut().zip(nearest_m).zip(lines).zip(distances) {
+                *owner = line as u32;
+                *nearest = distance;
+            }
+        }
+    }
+
+    /// Sums up the points of each line, for a fit.
+    pub(super) fn sum_points(&mut self, points: &Points) {
+        let n = self.lines.len();
+        self.sums.clear();
+        self.sums.resize(n + 1, [0.0; 5]);
+        for ((x, y), owner) in points.iter().zip(&self.owners) {
+            let [count, sum_x, sum_y, sum_xx, sum_xy] = &mut self.sums[(*owner as usize).min(n)];
+            *count += 1.0;
+            *sum_x += x;
+            *sum_y += y;
+            *sum_xx += x * x;
+            *sum_xy += x * y;
+        }
+        for (fit, sums) in self.lines.fits.iter_mut().zip(&self.sums) {
+            *fit = LineFit::from_sums(*sums);
+        }
+    }
+
+    /// Sums the orthogonal distances of each line's points.
+    pub(super) fn measure(&mut self, points: &Points) {
+        let n = self.lines.len();
+        self.sums.clear();
+        self.sums.extend(self.lines.iter().map(|line| [line.slope, line.intercept_m, 0.0, 0.0, 0.0]));
+        self.sums.push([0.0; 5]);
+        for ((x, y), owner) in points.iter().zip(&self.owners) {
+            let [slope, intercept_m, sum, ..] = &mut self.sums[(*owner as usize).min(n)];
+            *sum += (*slope * x - y + *intercept_m).abs();
+        }
+        for (energy, [slope, _, sum, ..]) in self.lines.energies.iter_mut().zip(&self.sums) {
+            *energy = sum / slant(*slope);
+        }
+    }
+
+    /// Follows the last change of the lines; the points of lines that are gone become outliers.
+    pub(super) fn follow(&mut self) {
+        let moved = self.lines.moved();
+        for owner in &mut self.owners {
+            *owner = moved.get(*owner as usize).copied().unwrap_or(OUTLIER);
+        }
+    }
+
+    /// Sum of the distances of all points to the lines that they were attached to \[m\].
+    pub(super) fn attached_energy_m(&self) -> f64 {
+        let inliers = self.owners.iter().zip(&self.nearest_m).filter(|(owner, _)| **owner != OUTLIER);
+        inliers.map(|(_, distance_m)| distance_m).sum()
+    }
+}
+
+/// Up to [`LANES`] coordinates, filled up with some that are near no line.
+fn padded(coordinates: &[f64]) -> [f64; LANES] {
+    coordinates.try_into().unwrap_or_else(|_| {
+        let mut all = [f64::NAN; LANES];
+        all[..coordinates.len()].copy_from_slice(coordinates);
+        all
+    })
+}
+
+/// For each point the distance \[m\] to the nearest line, and which it is: [`OUTLIER`] if none is closer than `limit_m`.
+#[inline(always)]
+fn nearest_lines(normals: &[[f64; 3]], x: [f64; LANES], y: [f64; LANES], limit_m: f64) -> ([f64; LANES], [u64; LANES]) {
+    let mut nearest = [limit_m; LANES];
+    let mut lines = [u64::from(OUTLIER); LANES];
+    for ([slope, scale, intercept], line) in normals.iter().zip(0_u64..) {
+        for i in 0..LANES {
+            let distance = (slope * x[i] - scale * y[i] + intercept).abs();
+            let closer = distance < nearest[i];
+            nearest[i] = if closer { distance } else { nearest[i] };
+            lines[i] = if closer { line } else { lines[i] };
+        }
+    }
+    (nearest, lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::perception::Line;
+
+    fn two_rows() -> Points {
+        let mut points = Points::default();
+        for i in 0..12 {
+            points.push(0.3 * f64::from(i), if i % 2 == 0 { 0.5 } else { -0.5 });
+        }
+        points
+    }
+
+    fn with_lines(points: &Points, lines: &[(f64, f64)]) -> Population {
+        let mut population = Population::default();
+        population.detach(points.len());
+        for (slope, intercept) in lines {
+            population.lines.push(Line::new(*slope, *intercept), LineFit::default());
+        }
+        population
+    }
+
+    #[test]
+    fn points_go_to_their_nearest_line_and_far_ones_to_none() {
+        let points = two_rows();
+        let mut population = with_lines(&points, &[(0.0, 0.6), (0.0, 0.45)]);
+        population.attach(&points, 0.2);
+        assert_eq!(population.owners[..2], [1, OUTLIER]);
+        assert!((population.attached_energy_m() - 6.0 * 0.05).abs() < 1e-12);
+    }
+
+    #[test]
+    fn sums_and_distances_are_those_of_each_lines_points() {
+        let points = two_rows();
+        let mut population = with_lines(&points, &[(0.0, 0.45), (0.0, -0.6)]);
+        population.attach(&points, 0.2);
+        population.sum_points(&points);
+        population.measure(&points);
+        assert!(
+            (population.lines.energies[0] - 0.3).abs() < 1e-12 && (population.lines.energies[1] - 0.6).abs() < 1e-12
+        );
+        population.lines.refit(1);
+        let line = population.lines.line(1);
+        assert!(population.lines.fits[1].points() == 6.0);
+        assert!(line.slope.abs() < 1e-12 && (line.intercept_m + 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn points_of_lines_that_are_gone_become_outliers() {
+        let points = two_rows();
+        let mut population = with_lines(&points, &[(0.0, 0.5), (0.0, -0.5)]);
+        population.attach(&points, 0.2);
+        population.lines.retain(|_, i| i == 1);
+        population.follow();
+        assert_eq!(population.owners[..3], [OUTLIER, 0, OUTLIER]);
+        assert_eq!(population.outliers().count(), 6);
+    }
+}
