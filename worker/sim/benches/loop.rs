@@ -1,17 +1,15 @@
-//! What the parts of the loop cost: `cargo bench -p furrow-sim`.
+//! What scans and whole runs cost: `cargo bench -p furrow-sim`. Line finders have their own in furrow-navigation.
 //!
 //! Scans are taken in the middle of the first inter-row of each crop, field seed 1.
 
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use furrow_navigation::parameters::Kinds;
-use furrow_navigation::perception::{Beams, LineFinderSpec, Scan};
 use furrow_navigation::random::Stream;
 use furrow_sim::field::{Field, FieldSeed, FieldSpec, guyonneau2022::Guyonneau2022Params};
 use furrow_sim::lidar::{PlanarLidar, TwoPlanarLidarsParams};
 use furrow_sim::{Pose, Scenario, Seed, simulate};
-use serde_json::{Map, json};
+use serde_json::json;
 
 fn field(crop: u32) -> Field {
     FieldSpec::Guyonneau2022(Guyonneau2022Params { crop, seed: FieldSeed::Fixed(1) }).build(1)
@@ -36,32 +34,6 @@ fn scans(criterion: &mut Criterion) {
     }
 }
 
-fn line_finders(criterion: &mut Criterion) {
-    for kind in LineFinderSpec::kinds() {
-        let mut group = criterion.benchmark_group(kind);
-        for crop in 1..=4 {
-            let recorded = record(&field(crop), 40);
-            let beams = Beams::new(360, std::f64::consts::PI);
-            let mut finder = LineFinderSpec::read_kind(kind, Map::new()).expect("defaults are allowed").build();
-            let mut random = Stream::new(1, "line-finder-front");
-            let mut turn = recorded.iter().cycle();
-            group.bench_function(BenchmarkId::from_parameter(format!("crop-{crop}")), |bench| {
-                bench.iter(|| {
-                    let ranges_m = turn.next().expect("a cycle has no end");
-                    black_box(finder.find(&Scan { beams: &beams, ranges_m }, &mut random).lines.len())
-                });
-            });
-        }
-    }
-}
-
-/// `n` scans from one place, each with its own noise.
-fn record(field: &Field, n: usize) -> Vec<Vec<f64>> {
-    let mut lidar = PlanarLidar::new(&TwoPlanarLidarsParams::default());
-    let mut noise = Stream::new(1, "lidar-front");
-    (0..n).map(|_| lidar.scan(&field.plants, middle(field), &mut noise).ranges_m.to_vec()).collect()
-}
-
 fn runs(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("run of 10 simulated seconds");
     group.sample_size(10);
@@ -80,5 +52,5 @@ fn runs(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, scans, line_finders, runs);
+criterion_group!(benches, scans, runs);
 criterion_main!(benches);

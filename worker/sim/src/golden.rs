@@ -17,7 +17,14 @@ fn runs() -> BTreeMap<String, Scenario> {
     let mut runs = BTreeMap::new();
     for crop in 1..=4 {
         for (name, perception, mission) in [
+            ("pearl", json!({"kind": "pearl"}), "row-by-row"),
+            ("ruby", json!({"kind": "ruby"}), "row-by-row"),
+            ("rg", json!({"kind": "rg"}), "row-by-row"),
             ("rgop", json!({"kind": "rgop"}), "row-by-row"),
+            ("rgoppn", json!({"kind": "rgoppn"}), "row-by-row"),
+            ("rgoppni", json!({"kind": "rgoppni"}), "row-by-row"),
+            ("rgoppni-as-printed", json!({"kind": "rgoppni", "selection": "as-printed"}), "row-by-row"),
+            ("ruby-as-printed", json!({"kind": "ruby", "selection": "as-printed"}), "row-by-row"),
             ("rgop-as-printed", json!({"kind": "rgop", "selection": "as-printed", "passes_per_scan": 2}), "row-by-row"),
             ("oracle", json!({"kind": "oracle"}), "row-by-row"),
             ("heading-hold", json!({"kind": "none"}), "heading-hold"),

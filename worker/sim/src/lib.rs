@@ -20,6 +20,8 @@ pub mod scenario;
 pub mod svg;
 
 #[cfg(test)]
+mod bench_scans;
+#[cfg(test)]
 mod golden;
 #[cfg(test)]
 mod table5;

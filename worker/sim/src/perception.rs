@@ -139,6 +139,6 @@ mod tests {
     #[test]
     fn an_unknown_kind_lists_all_that_are_known() {
         let error = PerceptionSpec::read(serde_json::json!({"kind": "sight"})).unwrap_err();
-        assert!(error.to_string().contains("`oracle`, `none`, `rgop`"), "{error}");
+        assert!(error.to_string().contains("`oracle`, `none`, `pearl`"), "{error}");
     }
 }
