@@ -11,7 +11,7 @@ use super::sampling::Fresh;
 pub(super) const GONE: u32 = u32::MAX;
 
 /// Lines and the sums over their points.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Candidates {
     pub(super) slopes: Vec<f64>,
     pub(super) intercepts_m: Vec<f64>,
@@ -28,6 +28,14 @@ pub(super) struct Candidates {
 }
 
 impl Candidates {
+    /// Takes over the lines of `other`, and not its scratch.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.slopes.clone_from(&other.slopes);
+        self.intercepts_m.clone_from(&other.intercepts_m);
+        self.fits.clone_from(&other.fits);
+        self.energies.clone_from(&other.energies);
+    }
+
     pub(super) fn len(&self) -> usize {
         self.slopes.len()
     }

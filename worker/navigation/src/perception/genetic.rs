@@ -48,7 +48,7 @@ pub(super) enum Draw {
 }
 
 /// The search and its memory.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Genetic {
     rules: Rules,
     ranking: Ranking,
@@ -139,10 +139,10 @@ impl Genetic {
         let pairs = self.weights.between_lines(&self.population.owners);
         let energy = self.rules.outlier_penalty * outliers + pairs + distances_m;
         if energy < lowest {
-            self.best.clone_from(&self.population);
+            self.best.copy_from(&self.population);
             energy
         } else {
-            self.population.clone_from(&self.best);
+            self.population.copy_from(&self.best);
             lowest
         }
     }

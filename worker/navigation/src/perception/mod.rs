@@ -5,6 +5,7 @@
 
 mod candidates;
 mod genetic;
+mod lanes;
 pub mod line;
 mod overlap;
 mod pair_energy;

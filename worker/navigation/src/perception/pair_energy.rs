@@ -7,6 +7,7 @@
 //! numbers are exact in any order, so they may be added up in as many lanes as a machine has.
 
 use super::Points;
+use super::lanes::{SumApart, Weights, whole};
 use super::population::OUTLIER;
 
 /// Weight of a pair, lambda of eq. 3 \[m\].
@@ -23,28 +24,24 @@ const BLOCK: usize = 1 << 10;
 pub(super) struct PairWeights {
     /// Row by row the pairs (i, j) with j < i, in units of 2^-22.
     weights: Vec<u32>,
+    /// Scratch: one row.
+    row: Vec<f64>,
 }
 
 impl PairWeights {
     pub(super) fn compute(&mut self, points: &Points) {
         self.weights.clear();
-        for (i, (x, y)) in points.iter().enumerate() {
-            let others = points.x_m[..i].iter().zip(&points.y_m[..i]);
-            self.weights.extend(others.map(|(other_x, other_y)| {
-                let (dx, dy) = (x - other_x, y - other_y);
-                weight(dx * dx + dy * dy)
-            }));
+        self.row.resize(points.len(), 0.0);
+        for (i, (x_m, y_m)) in points.iter().enumerate() {
+            let (others, weights) = ([&points.x_m[..i], &points.y_m[..i]], &mut self.row[..i]);
+            Weights { x_m, y_m, others, scale: -1.0 / PAIR_RANGE_M2, one: ONE, weights }.compute();
+            self.weights.extend(self.row[..i].iter().map(|weight| whole(*weight)));
         }
     }
 
     /// Energy of the pairs of points that belong to two different lines, by each point's line.
     pub(super) fn between_lines(&self, owners: &[u32]) -> f64 {
-        let mut sum = 0_u64;
-        for (row, owner) in self.rows().zip(owners).filter(|(_, owner)| **owner != OUTLIER) {
-            for (weights, others) in row.chunks(BLOCK).zip(owners.chunks(BLOCK)) {
-                sum += u64::from(sum_apart(weights, others, *owner));
-            }
-        }
+        let sum = SumApart { weights: &self.weights, owners, none: OUTLIER, block: BLOCK }.sum();
         PAIR_WEIGHT * sum as f64 / ONE
     }
 
@@ -75,52 +72,23 @@ impl PairWeights {
     }
 }
 
-/// Sum of the weights of pairs whose other point belongs to a line, and not to `owner`; at most [`BLOCK`] of them.
-fn sum_apart(weights: &[u32], others: &[u32], owner: u32) -> u32 {
-    let term = |(weight, other): (&u32, &u32)| {
-        let apart = (*other != owner) & (*other != OUTLIER);
-        if apart { *weight } else { 0 }
-    };
-    weights.iter().zip(others).map(term).fold(0, u32::wrapping_add)
-}
-
-/// exp(-`distance_m2` / 9 m^2) in units of 2^-22, rounded: right to one unit.
-///
-/// A power of two times a polynomial of degree 7 for 2^f, |f| <= 1/2 (the Taylor series, off by 5e-9 at most), without
-/// a branch, so that it is computed in lanes. Adding 1.5 x 2^52 leaves a rounded integer in the low bits.
-fn weight(distance_m2: f64) -> u32 {
-    const ROUND: f64 = 1.5 * (1_u64 << 52) as f64;
-    /// ln(2)^k / k!.
-    const TERMS: [f64; 8] = [
-        1.0,
-        0.693_147_180_559_945_3,
-        0.240_226_506_959_100_7,
-        0.055_504_108_664_821_58,
-        0.009_618_129_107_628_477,
-        0.001_333_355_814_642_844_3,
-        0.000_154_035_303_933_816_1,
-        0.000_015_252_733_804_059_84,
-    ];
-    let exponent = (distance_m2 * (-std::f64::consts::LOG2_E / PAIR_RANGE_M2)).max(-60.0);
-    let rounded = exponent + ROUND;
-    let f = exponent - (rounded - ROUND);
-    let power = TERMS.iter().rev().fold(0.0, |sum, term| sum * f + term);
-    let scale = f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52);
-    (power * scale * ONE + (1_u64 << 52) as f64).to_bits() as u32
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn a_weight_is_the_exponential_to_its_last_unit() {
-        for i in 0..20_000 {
-            let distance_m2 = 0.01 * f64::from(i);
-            let exact = libm::exp(-distance_m2 / 9.0) * ONE;
-            assert!((f64::from(weight(distance_m2)) - exact).abs() <= 0.55, "{distance_m2}: {exact}");
+        let mut points = Points::default();
+        points.push(0.0, 0.0);
+        (0..20_000).for_each(|i| points.push(0.0, 1e-3 * f64::from(i)));
+        points.push(1e6, 1e200);
+        let mut weights = vec![0.0; points.len()];
+        let others = [points.x_m.as_slice(), points.y_m.as_slice()];
+        Weights { x_m: 0.0, y_m: 0.0, others, scale: -1.0 / 9.0, one: ONE, weights: &mut weights }.compute();
+        for (y, weight) in points.y_m.iter().zip(weights) {
+            let exact = libm::exp(-y * y / 9.0) * ONE;
+            assert!((weight - exact).abs() <= 0.55 && weight == weight.round(), "{y}: {exact}");
         }
-        assert_eq!((weight(0.0), weight(1e12), weight(f64::INFINITY)), (1 << 22, 0, 0));
     }
 
     fn points() -> Points {

@@ -70,7 +70,7 @@ pub(super) enum Variant {
 const OUTLIERS_PER_LINE: usize = 6;
 
 /// The search and its memory.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Search {
     params: PearlParams,
     variant: Variant,
@@ -137,7 +137,7 @@ impl Search {
         self.attach(points);
         let pairs = self.weights.between_lines(&self.population.owners);
         self.remove_tiny((1.5 * drawn as f64).floor());
-        self.best.clone_from(&self.population);
+        self.best.copy_from(&self.population);
         match self.params.selection {
             Selection::AsRun => pairs + self.energy_of_points(),
             Selection::AsPrinted => self.energy(),
@@ -205,9 +205,9 @@ impl Search {
     /// Keeps the present lines or goes back to the best ones; returns the new bound.
     fn accept(&mut self, energy: f64, bound: f64) -> f64 {
         if energy > bound {
-            self.population.clone_from(&self.best);
+            self.population.copy_from(&self.best);
         } else {
-            self.best.clone_from(&self.population);
+            self.best.copy_from(&self.population);
         }
         match self.params.selection {
             Selection::AsRun => bound.max(energy),

@@ -2,28 +2,34 @@
 
 use super::Points;
 use super::candidates::{Candidates, GONE};
+use super::lanes::{NearestLines, whole};
 use super::line::{LineFit, slant};
 
 /// The owner of a point that belongs to no line.
 pub(super) const OUTLIER: u32 = GONE;
 
-/// So many points meet all lines at a time.
-const LANES: usize = 8;
-
 /// Lines and which points belong to them.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Population {
     pub(super) lines: Candidates,
     /// Line of each point, or [`OUTLIER`].
     pub(super) owners: Vec<u32>,
     /// Distance of each point to its line when it was attached \[m\]; what it may be at most for an outlier.
     nearest_m: Vec<f64>,
-    /// Scratch: slope, y and intercept of each line, divided by its slant; sums per line, then of the outliers.
-    normals: Vec<[f64; 3]>,
+    /// Scratch: slope, 1 and intercept of each line, divided by its slant, and its index; sums per line, then of the outliers.
+    normals: Vec<[f64; 4]>,
+    numbers: Vec<f64>,
     sums: Vec<[f64; 5]>,
 }
 
 impl Population {
+    /// Takes over lines and points of `other`, and not its scratch.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.lines.copy_from(&other.lines);
+        self.owners.clone_from(&other.owners);
+        self.nearest_m.clone_from(&other.nearest_m);
+    }
+
     /// Forgets the points of the last scan and keeps the lines; `n` points are outliers now.
     pub(super) fn detach(&mut self, n: usize) {
         self.lines.detach();
@@ -39,21 +45,18 @@ impl Population {
     /// Gives each point to its nearest line if that is closer than `distance_m`; the first line wins ties.
     pub(super) fn attach(&mut self, points: &Points, distance_m: f64) {
         self.normals.clear();
-        self.normals.extend(self.lines.iter().map(|line| {
+        self.normals.extend((0..).zip(self.lines.iter()).map(|(i, line)| {
             let scale = 1.0 / line.slant();
-            [line.slope * scale, scale, line.intercept_m * scale]
+            [line.slope * scale, scale, line.intercept_m * scale, f64::from(i)]
         }));
-        self.owners.resize(points.len(), OUTLIER);
+        self.nearest_m.clear();
         self.nearest_m.resize(points.len(), distance_m);
-        let places = points.x_m.chunks(LANES).zip(points.y_m.chunks(LANES));
-        let results = self.owners.chunks_mut(LANES).zip(self.nearest_m.chunks_mut(LANES));
-        for ((x, y), (owners, nearest_m)) in places.zip(results) {
-            let (distances, lines) = nearest_lines(&self.normals, padded(x), padded(y), distance_m);
-            for (((owner, nearest), line), distance) in owners.iter_mut().zip(nearest_m).zip(lines).zip(distances) {
-                *owner = line as u32;
-                *nearest = distance;
-            }
-        }
+        self.numbers.clear();
+        self.numbers.resize(points.len(), f64::from(OUTLIER));
+        let (nearest_m, numbers) = (&mut self.nearest_m, &mut self.numbers);
+        NearestLines { lines: &self.normals, x_m: &points.x_m, y_m: &points.y_m, nearest_m, numbers }.find();
+        self.owners.clear();
+        self.owners.extend(self.numbers.iter().map(|number| whole(*number)));
     }
 
     /// Sums up the points of each line, for a fit.
@@ -102,31 +105,6 @@ impl Population {
         let inliers = self.owners.iter().zip(&self.nearest_m).filter(|(owner, _)| **owner != OUTLIER);
         inliers.map(|(_, distance_m)| distance_m).sum()
     }
-}
-
-/// Up to [`LANES`] coordinates, filled up with some that are near no line.
-fn padded(coordinates: &[f64]) -> [f64; LANES] {
-    coordinates.try_into().unwrap_or_else(|_| {
-        let mut all = [f64::NAN; LANES];
-        all[..coordinates.len()].copy_from_slice(coordinates);
-        all
-    })
-}
-
-/// For each point the distance \[m\] to the nearest line, and which it is: [`OUTLIER`] if none is closer than `limit_m`.
-#[inline(always)]
-fn nearest_lines(normals: &[[f64; 3]], x: [f64; LANES], y: [f64; LANES], limit_m: f64) -> ([f64; LANES], [u64; LANES]) {
-    let mut nearest = [limit_m; LANES];
-    let mut lines = [u64::from(OUTLIER); LANES];
-    for ([slope, scale, intercept], line) in normals.iter().zip(0_u64..) {
-        for i in 0..LANES {
-            let distance = (slope * x[i] - scale * y[i] + intercept).abs();
-            let closer = distance < nearest[i];
-            nearest[i] = if closer { distance } else { nearest[i] };
-            lines[i] = if closer { line } else { lines[i] };
-        }
-    }
-    (nearest, lines)
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@
 //! [`rgoppn`](super::rgoppn), but through all points and not only through outliers, of which there are none here.
 
 use super::candidates::Candidates;
-use super::line::{LineFit, slant};
-use super::overlap::{Band, band_distances_m, band_sums};
+use super::line::LineFit;
+use super::overlap::Band;
 use super::pair_energy::PairWeights;
 use super::ranking::Ranking;
 use super::sampling::{Fresh, split_by_side};
@@ -103,11 +103,10 @@ impl Rgoppni {
         self.bands.clear();
         self.bands.extend(self.candidates.iter().map(|line| Band::new(line, self.params.attach_distance_m)));
         for (i, band) in self.bands.iter().enumerate() {
-            self.candidates.fits[i] = LineFit::from_sums(band_sums(&self.points, *band));
+            self.candidates.fits[i] = LineFit::from_sums(band.moments(&self.points));
             if self.candidates.fits[i].points() > f64::from(self.params.tiny) {
                 self.candidates.refit(i);
-                let line = self.candidates.line(i);
-                self.candidates.energies[i] = band_distances_m(&self.points, *band, line) / slant(line.slope);
+                self.candidates.energies[i] = band.distances_m(&self.points, self.candidates.line(i));
             }
         }
     }
@@ -116,10 +115,10 @@ impl Rgoppni {
     fn keep_lowest(&mut self, lowest: f64) -> f64 {
         let energy = self.energy();
         if energy < lowest {
-            self.best.clone_from(&self.candidates);
+            self.best.copy_from(&self.candidates);
             energy
         } else {
-            self.candidates.clone_from(&self.best);
+            self.candidates.copy_from(&self.best);
             lowest
         }
     }

@@ -1,31 +1,35 @@
 //! Fresh lines through three random points each.
 
 use super::Points;
+use super::lanes::Sieve;
 use super::line::{Line, intercept_tolerance_m, slope_tolerance};
 use crate::random::Stream;
 
 /// At most so many fresh lines at a time.
-pub(super) const MOST_FRESH: usize = 64;
+const MOST_FRESH: usize = 64;
+/// Lines are looked at in groups of this many; there is room for a whole group behind the last one.
+const GROUP: usize = 8;
+const ROOM: usize = MOST_FRESH + GROUP;
 
 /// Lines fitted to three random points each, which have no points of their own yet.
 #[derive(Debug, Clone)]
 pub(super) struct Fresh {
     n: usize,
     /// Coordinates of the first, second and third point of each line \[m\].
-    x_m: [[f64; MOST_FRESH]; 3],
-    y_m: [[f64; MOST_FRESH]; 3],
-    slopes: [f64; MOST_FRESH],
-    intercepts_m: [f64; MOST_FRESH],
+    x_m: [[f64; ROOM]; 3],
+    y_m: [[f64; ROOM]; 3],
+    slopes: [f64; ROOM],
+    intercepts_m: [f64; ROOM],
     /// How far another line may be to be the same.
-    slope_tolerances: [f64; MOST_FRESH],
-    intercept_tolerances_m: [f64; MOST_FRESH],
+    slope_tolerances: [f64; ROOM],
+    intercept_tolerances_m: [f64; ROOM],
     /// 1 while the line is new, 0 once it is the same as another one, or none at all.
-    new: [u64; MOST_FRESH],
+    new: [f64; ROOM],
 }
 
 impl Default for Fresh {
     fn default() -> Self {
-        const ZEROS: [f64; MOST_FRESH] = [0.0; MOST_FRESH];
+        const ZEROS: [f64; ROOM] = [0.0; ROOM];
         Self {
             n: 0,
             x_m: [ZEROS; 3],
@@ -34,7 +38,7 @@ impl Default for Fresh {
             intercepts_m: ZEROS,
             slope_tolerances: ZEROS,
             intercept_tolerances_m: ZEROS,
-            new: [0; MOST_FRESH],
+            new: ZEROS,
         }
     }
 }
@@ -77,7 +81,7 @@ impl Fresh {
     pub(super) fn fit(&mut self) {
         let [x0, x1, x2] = &self.x_m;
         let [y0, y1, y2] = &self.y_m;
-        for i in 0..self.n.next_multiple_of(8).min(MOST_FRESH) {
+        for i in 0..self.n.next_multiple_of(GROUP) {
             let x = x0[i] + x1[i] + x2[i];
             let y = y0[i] + y1[i] + y2[i];
             let xx = x0[i] * x0[i] + x1[i] * x1[i] + x2[i] * x2[i];
@@ -89,7 +93,7 @@ impl Fresh {
             self.intercepts_m[i] = intercept_m;
             self.slope_tolerances[i] = slope_tolerance(slope);
             self.intercept_tolerances_m[i] = intercept_tolerance_m(intercept_m);
-            self.new[i] = u64::from(spread > 9e-12);
+            self.new[i] = if spread > 9e-12 { 1.0 } else { 0.0 };
         }
     }
 
@@ -99,21 +103,16 @@ impl Fresh {
     }
 
     fn sieve_from(&mut self, start: usize, first: Line) {
-        let slopes = self.slopes[start..self.n].iter().zip(&self.slope_tolerances[start..self.n]);
-        let intercepts = self.intercepts_m[start..self.n].iter().zip(&self.intercept_tolerances_m[start..self.n]);
-        for (((slope, slope_tolerance), (intercept_m, intercept_tolerance_m)), new) in
-            slopes.zip(intercepts).zip(&mut self.new[start..self.n])
-        {
-            let same = ((first.slope - slope).abs() <= *slope_tolerance)
-                & ((first.intercept_m - intercept_m).abs() <= *intercept_tolerance_m);
-            *new = if same { 0 } else { *new };
-        }
+        let group = start..start + self.n.saturating_sub(start).next_multiple_of(GROUP);
+        let lines = [&self.slopes, &self.slope_tolerances, &self.intercepts_m, &self.intercept_tolerances_m]
+            .map(|all| &all[group.clone()]);
+        Sieve { slope: first.slope, intercept_m: first.intercept_m, lines, new: &mut self.new[group] }.run();
     }
 
     /// Lets go of the lines that are the same as an earlier one.
     pub(super) fn fuse(&mut self) {
         for i in 0..self.n {
-            if self.new[i] == 1 {
+            if self.new[i] > 0.0 {
                 self.sieve_from(i + 1, Line::new(self.slopes[i], self.intercepts_m[i]));
             }
         }
@@ -121,7 +120,7 @@ impl Fresh {
 
     /// The lines that are still new.
     pub(super) fn remaining(&self) -> impl Iterator<Item = Line> + '_ {
-        (0..self.n).filter(|i| self.new[*i] == 1).map(|i| Line::new(self.slopes[i], self.intercepts_m[i]))
+        (0..self.n).filter(|i| self.new[*i] > 0.0).map(|i| Line::new(self.slopes[i], self.intercepts_m[i]))
     }
 }
 
