@@ -6,6 +6,11 @@
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
+/// Normal deviates drawn at a time.
+const BLOCK: usize = 128;
+/// The approximation in the centre of the normal distribution reaches this far from p = 0.5.
+const CENTRE_HALF_WIDTH: f64 = 0.425;
+
 /// One consumer's random numbers.
 #[derive(Debug, Clone)]
 pub struct Stream(ChaCha8Rng);
@@ -22,7 +27,7 @@ impl Stream {
 
     /// Uniform in the open interval (0, 1): a multiple of 2^-53 plus 2^-54.
     pub fn uniform(&mut self) -> f64 {
-        ((self.0.next_u64() >> 11) as f64 + 0.5) * (1.0 / (1_u64 << 53) as f64)
+        unit(self.0.next_u64())
     }
 
     /// Uniform in (`low`, `high`).
@@ -42,6 +47,71 @@ impl Stream {
     pub fn normal(&mut self) -> f64 {
         normal_quantile(self.uniform())
     }
+
+    /// As many standard normal deviates as there is room for: the numbers that [`normal`](Self::normal) would give.
+    pub fn normals(&mut self, deviates: &mut [f64]) {
+        for block in deviates.chunks_mut(BLOCK) {
+            self.uniforms(block);
+            let mut tails = Tails::default();
+            let n = tails.find(block);
+            block.iter_mut().for_each(|p| *p = centre(*p - 0.5));
+            tails.fill(n, block);
+        }
+    }
+
+    fn uniforms(&mut self, block: &mut [f64]) {
+        let mut bytes = [0; 8 * BLOCK];
+        let bytes = &mut bytes[..8 * block.len()];
+        self.0.fill_bytes(bytes);
+        for (p, bytes) in block.iter_mut().zip(bytes.as_chunks().0) {
+            *p = unit(u64::from_le_bytes(*bytes));
+        }
+    }
+}
+
+fn unit(bits: u64) -> f64 {
+    ((bits >> 11) as f64 + 0.5) * (1.0 / (1_u64 << 53) as f64)
+}
+
+/// The arguments of a block that lie in the tails, collected so that each step is taken by all, one after the other.
+struct Tails {
+    index: [u32; BLOCK],
+    p: [f64; BLOCK],
+}
+
+impl Default for Tails {
+    fn default() -> Self {
+        Self { index: [0; BLOCK], p: [0.0; BLOCK] }
+    }
+}
+
+impl Tails {
+    /// Finds the tails among `p`. Written without a branch, which one in seven would take.
+    fn find(&mut self, p: &[f64]) -> usize {
+        let mut n = 0;
+        for (i, p) in p.iter().enumerate() {
+            self.index[n] = i as u32;
+            self.p[n] = *p;
+            n += usize::from((p - 0.5).abs() > CENTRE_HALF_WIDTH);
+        }
+        n
+    }
+
+    /// Writes the quantiles of the first `n` where they belong.
+    fn fill(&mut self, n: usize, deviates: &mut [f64]) {
+        let mut r = [0.0; BLOCK];
+        for (r, p) in r.iter_mut().zip(&self.p[..n]) {
+            *r = tail_r(*p);
+        }
+        let mut magnitude = [0.0; BLOCK];
+        for (magnitude, r) in magnitude.iter_mut().zip(&r[..n]) {
+            *magnitude = ratio(r - 1.6, &TAIL);
+        }
+        for k in 0..n {
+            let magnitude = if r[k] <= 5.0 { magnitude[k] } else { far_tail(r[k]) };
+            deviates[self.index[k] as usize] = if self.p[k] < 0.5 { -magnitude } else { magnitude };
+        }
+    }
 }
 
 /// FNV-1a, 64 bits.
@@ -55,26 +125,42 @@ fn fnv1a(bytes: &[u8]) -> u64 {
 /// (15 % of uniform arguments) need a logarithm.
 #[must_use]
 pub fn normal_quantile(p: f64) -> f64 {
-    let q = p - 0.5;
-    if q.abs() <= 0.425 {
-        let r = 0.180_625 - q * q;
-        return q * ratio(r, &CENTRE);
-    }
-    let tail = if q < 0.0 { p } else { 1.0 - p };
-    let r = (-libm::log(tail)).sqrt();
-    let magnitude = if r <= 5.0 { ratio(r - 1.6, &TAIL) } else { ratio(r - 5.0, &FAR_TAIL) };
-    if q < 0.0 { -magnitude } else { magnitude }
+    if (p - 0.5).abs() <= CENTRE_HALF_WIDTH { centre(p - 0.5) } else { tail(p) }
+}
+
+#[inline]
+fn centre(q: f64) -> f64 {
+    q * ratio(0.180_625 - q * q, &CENTRE)
+}
+
+fn tail(p: f64) -> f64 {
+    let r = tail_r(p);
+    let magnitude = if r <= 5.0 { ratio(r - 1.6, &TAIL) } else { far_tail(r) };
+    if p < 0.5 { -magnitude } else { magnitude }
+}
+
+#[inline]
+fn tail_r(p: f64) -> f64 {
+    (-libm::log(if p < 0.5 { p } else { 1.0 - p })).sqrt()
+}
+
+#[cold]
+fn far_tail(r: f64) -> f64 {
+    ratio(r - 5.0, &FAR_TAIL)
 }
 
 /// Numerator and denominator, coefficients of rising powers.
 type Rational = [[f64; 8]; 2];
 
+#[inline]
 fn ratio(r: f64, [numerator, denominator]: &Rational) -> f64 {
     horner(r, numerator) / horner(r, denominator)
 }
 
+#[inline]
 fn horner(r: f64, coefficients: &[f64; 8]) -> f64 {
-    coefficients.iter().rev().fold(0.0, |sum, c| sum * r + c)
+    let [lower @ .., highest] = coefficients;
+    lower.iter().rev().fold(*highest, |sum, c| sum * r + c)
 }
 
 #[rustfmt::skip]
@@ -131,6 +217,28 @@ mod tests {
         for (moment, (expected, tolerance)) in sums.iter().zip([(0.0, 0.01), (1.0, 0.015), (0.0, 0.04), (3.0, 0.12)]) {
             assert!((moment - expected).abs() < tolerance, "{sums:?}");
         }
+    }
+
+    #[test]
+    fn many_deviates_at_once_are_the_bits_of_one_by_one() {
+        let (mut one_by_one, mut at_once) = (Stream::new(1, "test"), Stream::new(1, "test"));
+        for n in (0..400).chain([20_000]) {
+            // A half-used pair of words lies before every other call.
+            assert_eq!(one_by_one.below(1000), at_once.below(1000));
+            let mut deviates = vec![0.0; n];
+            at_once.normals(&mut deviates);
+            assert!(deviates.iter().all(|deviate| deviate.to_bits() == one_by_one.normal().to_bits()));
+        }
+    }
+
+    #[test]
+    fn tails_at_once_are_the_bits_of_one_by_one() {
+        let p = [0.07, 1e-3, 0.5, 1e-12, 1e-300, 0.93, 1.0 - 1e-13, 0.075, 0.925];
+        let (mut deviates, mut tails) = (p, Tails::default());
+        let n = tails.find(&p);
+        deviates.iter_mut().for_each(|p| *p = centre(*p - 0.5));
+        tails.fill(n, &mut deviates);
+        assert_eq!(deviates, p.map(normal_quantile));
     }
 
     #[test]

@@ -37,9 +37,16 @@ impl Pose {
     /// A point of the world in this pose's frame \[m\].
     #[must_use]
     pub fn local(&self, x_m: f64, y_m: f64) -> (f64, f64) {
+        self.locals()(x_m, y_m)
+    }
+
+    /// What takes points of the world into this pose's frame \[m\]: [`local`](Self::local) for many points.
+    pub fn locals(self) -> impl Fn(f64, f64) -> (f64, f64) {
         let (sin, cos) = libm::sincos(self.heading_rad);
-        let (dx, dy) = (x_m - self.x_m, y_m - self.y_m);
-        (cos * dx + sin * dy, cos * dy - sin * dx)
+        move |x_m, y_m| {
+            let (dx, dy) = (x_m - self.x_m, y_m - self.y_m);
+            (cos * dx + sin * dy, cos * dy - sin * dx)
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! What the robot senses: LiDARs, and odometry.
 
 pub mod planar;
+mod stems;
 
 pub use planar::PlanarLidar;
 

@@ -40,9 +40,10 @@ impl<'a> Damage<'a> {
 
     pub(super) fn observe(&mut self, pose: Pose) {
         self.gather(pose);
+        let local = pose.locals();
         for i in &self.near {
             let plant = &self.plants[*i];
-            let (x, y) = pose.local(plant.x_m, plant.y_m);
+            let (x, y) = local(plant.x_m, plant.y_m);
             let gap_m = outside(x, y, self.body_half_m) - plant.radius_m;
             self.closest_m = self.closest_m.min(gap_m.max(0.0));
             self.touched_by_body[*i] |= gap_m <= 0.0;
