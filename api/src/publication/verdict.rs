@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::Ours;
+use super::reference::ProgramValue;
 
 /// How a published value and ours agree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, utoipa::ToSchema)]
@@ -59,6 +60,24 @@ fn keeps_its_place((published, ours): Pair, others: &[Pair]) -> bool {
         order.is_eq() || order == ours.total_cmp(their_ours)
     };
     !others.is_empty() && others.iter().all(agrees)
+}
+
+/// The 95 % interval of the authors' program's value: its own where it is known, else as wide as ours would be
+/// with as many runs. None where ours has no interval.
+pub(super) fn interval_of_program(program: &ProgramValue, ours: &Ours) -> Option<[f64; 2]> {
+    let scaled = || {
+        let [low, high] = ours.ci95?;
+        let half = (high - low) / 2.0 * (ours.n as f64 / program.runs as f64).sqrt();
+        Some([program.value - half, program.value + half])
+    };
+    program.ci95.or_else(scaled)
+}
+
+/// Whether two independent means agree: the 95 % interval of their difference, from both intervals as in
+/// [`interval_of_means`], holds 0.
+pub(super) fn agree(a: (f64, [f64; 2]), b: (f64, [f64; 2])) -> bool {
+    let (low, high) = if a.0 <= b.0 { (a, b) } else { (b, a) };
+    high.0 - low.0 <= (low.1[1] - low.0).hypot(high.0 - high.1[0])
 }
 
 /// The 95 % interval of the mean of several independent means, by adding up the squared distances of each one's
@@ -121,5 +140,23 @@ mod tests {
         let [low, high] = interval_of_means(&four).unwrap();
         assert!((low - 0.9).abs() < 1e-12 && high == 1.0);
         assert_eq!(interval_of_means(&[ours(1.0, None), ours(1.0, Some([0.0, 1.0]))]), None);
+    }
+
+    #[test]
+    fn means_agree_if_their_difference_may_be_nothing() {
+        assert!(agree((1.0, [0.0, 2.0]), (2.0, [1.0, 3.0])));
+        assert!(agree((2.0, [1.0, 3.0]), (1.0, [0.0, 2.0])));
+        assert!(!agree((1.0, [0.5, 1.5]), (2.0, [1.5, 2.5])), "0.71 is less than 1");
+        assert!(agree((0.0, [0.0, 1.2]), (1.0, [0.9, 1.0])));
+        assert!(!agree((1.0, [1.0, 1.0]), (2.0, [2.0, 2.0])));
+    }
+
+    #[test]
+    fn the_program_is_as_uncertain_as_its_runs_are_few() {
+        let program = ProgramValue { value: 10.0, median: None, runs: 20, ci95: None };
+        assert_eq!(interval_of_program(&program, &ours(3.0, Some([1.0, 5.0]))), Some([9.0, 11.0]));
+        assert_eq!(interval_of_program(&program, &ours(3.0, None)), None);
+        let ratio = ProgramValue { ci95: Some([0.0, 1.0]), ..program };
+        assert_eq!(interval_of_program(&ratio, &ours(3.0, None)), Some([0.0, 1.0]));
     }
 }
