@@ -18,7 +18,8 @@
 //! # Reasons
 //! A verdict `different` comes with a reason. It says how ours and the published value compare with what the
 //! authors' program gave: two means *agree* if the 95 % interval of their difference holds 0. The program's own
-//! interval is Wilson's for ratios; for other values its runs are taken to spread as ours do. Then it says how
+//! interval is Wilson's for ratios; for other values its runs are taken to spread as ours do, or by as much as
+//! its mean and median are apart if that is more. Then it says how
 //! many runs failed and by which outcome, and cites runs by the first digits of their job keys.
 
 mod compare;

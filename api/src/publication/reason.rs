@@ -73,7 +73,9 @@ fn beside_program(reference: &Reference, cell: &ComparisonCell) -> Option<String
         (true, false) => format!("ours agrees with {named}, which does not reproduce the published value either"),
         (true, true) => format!("both ours and the published value lie within the spread of {named}"),
         (false, true) => format!("the published value lies within the spread of {named}, ours does not"),
-        (false, false) => format!("{named} agrees with neither{}", times(published, &ours, &program)),
+        (false, false) => {
+            format!("neither ours nor the published value agrees with {named}{}", times(published, &ours, &program))
+        }
     })
 }
 
@@ -95,10 +97,16 @@ fn times(published: f64, ours: &Ours, program: &ProgramValue) -> String {
         return String::new();
     }
     let of_ours = match (ours.median, program.median) {
-        (Some(ours), Some(program)) if program > 0.0 => format!("our median is {:.2} times its median", ours / program),
-        _ => format!("ours is {:.2} times its value", ours.mean / program.value),
+        (Some(ours), Some(program)) if program > 0.0 => {
+            format!("our median is {} times its median", factor(ours / program))
+        }
+        _ => format!("ours is {} times its value", factor(ours.mean / program.value)),
     };
-    format!(": {of_ours}, the published value {:.2} times its value", published / program.value)
+    format!(": {of_ours}, the published value {} times its value", factor(published / program.value))
+}
+
+fn factor(factor: f64) -> String {
+    short(factor, if factor >= 10.0 { 0 } else { 2 })
 }
 
 fn unpublished(cell: &ComparisonCell) -> Option<String> {

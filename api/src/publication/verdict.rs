@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::Ours;
 use super::reference::ProgramValue;
+use crate::table::student_interval;
 
 /// How a published value and ours agree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, utoipa::ToSchema)]
@@ -63,14 +64,18 @@ fn keeps_its_place((published, ours): Pair, others: &[Pair]) -> bool {
 }
 
 /// The 95 % interval of the authors' program's value: its own where it is known, else as wide as ours would be
-/// with as many runs. None where ours has no interval.
+/// with as many runs, or wider where the program's mean and median are far apart: no deviation is less than their
+/// distance. None where ours has no interval.
 pub(super) fn interval_of_program(program: &ProgramValue, ours: &Ours) -> Option<[f64; 2]> {
-    let scaled = || {
-        let [low, high] = ours.ci95?;
-        let half = (high - low) / 2.0 * (ours.n as f64 / program.runs as f64).sqrt();
-        Some([program.value - half, program.value + half])
-    };
-    program.ci95.or_else(scaled)
+    if program.ci95.is_some() {
+        return program.ci95;
+    }
+    let [low, high] = ours.ci95?;
+    let scaled = (high - low) / 2.0 * (ours.n as f64 / program.runs as f64).sqrt();
+    let distance = program.median.map_or(0.0, |median| (program.value - median).abs());
+    let least = student_interval(0.0, distance, program.runs).map_or(0.0, |[_, high]| high);
+    let half = scaled.max(least);
+    Some([program.value - half, program.value + half])
 }
 
 /// Whether two independent means agree: the 95 % interval of their difference, from both intervals as in
@@ -156,6 +161,9 @@ mod tests {
         let program = ProgramValue { value: 10.0, median: None, runs: 20, ci95: None };
         assert_eq!(interval_of_program(&program, &ours(3.0, Some([1.0, 5.0]))), Some([9.0, 11.0]));
         assert_eq!(interval_of_program(&program, &ours(3.0, None)), None);
+        let skewed = ProgramValue { median: Some(0.0), runs: 4, ..program };
+        let [low, high] = interval_of_program(&skewed, &ours(3.0, Some([2.9, 3.1]))).unwrap();
+        assert!((low + 5.91).abs() < 0.01 && (high - 25.91).abs() < 0.01, "[{low}, {high}]: 3.18 x 10 / 2");
         let ratio = ProgramValue { ci95: Some([0.0, 1.0]), ..program };
         assert_eq!(interval_of_program(&ratio, &ours(3.0, None)), Some([0.0, 1.0]));
     }
