@@ -1,6 +1,6 @@
 //! Drawings of a run, fit to be printed: axes in metres, start, path with direction, damage, and what was run.
 //!
-//! Sizes of marks and letters are given in units of which a drawing is [`WIDTH`] wide, whatever the field's size.
+//! Sizes of marks and letters are given in units of which a drawing is 16 wide, whatever the field's size.
 
 use std::fmt::Write as _;
 
