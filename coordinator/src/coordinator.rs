@@ -1,5 +1,6 @@
 //! What all others talk to: four questions of workers, the user's questions, and a bell for changes.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use furrow_schema::id::{EngineId, SweepId};
@@ -12,9 +13,9 @@ use crate::batch::Command;
 use crate::config::Config;
 use crate::error::StoreError;
 use crate::rate::Rates;
-use crate::store::{Store, cell, incident, job, submit, sweep, values, worker};
+use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, worker};
 use crate::validate;
-use crate::view::{CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, WorkerInfo};
+use crate::view::{CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, WorkerInfo};
 use crate::writer;
 
 /// Questions wait in a queue of this length; whoever asks then waits for a place in it.
@@ -143,7 +144,8 @@ impl Coordinator {
     /// A job in full; none if there is no such job.
     ///
     /// # Errors
-    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    /// [`StoreError::Ambiguous`] for the first digits of several keys; [`StoreError::Database`] and
+    /// [`StoreError::Damaged`].
     pub async fn job(&self, job: JobRef) -> Result<Option<JobDetail>, StoreError> {
         job::get(&self.shared.store, job).await
     }
@@ -162,6 +164,20 @@ impl Coordinator {
     /// [`StoreError::Database`] and [`StoreError::Damaged`].
     pub async fn values(&self, sweep: SweepId, metrics: Option<&[&str]>) -> Result<Vec<CellValues>, StoreError> {
         values::by_cell(&self.shared.store, sweep, metrics).await
+    }
+
+    /// The runs with a result in those cells of a sweep that have all of `labels` (label by factor), by seed, each
+    /// with its value of `metric`.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn runs(
+        &self,
+        sweep: SweepId,
+        labels: &BTreeMap<String, String>,
+        metric: &str,
+    ) -> Result<Vec<RunValue>, StoreError> {
+        runs::with_labels(&self.shared.store, sweep, labels, metric).await
     }
 
     /// Every worker that said hello, the latest seen first.

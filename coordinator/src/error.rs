@@ -42,6 +42,9 @@ pub enum StoreError {
     /// What was asked breaks a rule. The caller refuses the request with the text.
     #[error("{0}")]
     Invalid(String),
+    /// The keys of several jobs begin with these digits. The caller refuses the request: more digits tell them apart.
+    #[error("the keys of several jobs begin with `{0}`: give more digits")]
+    Ambiguous(String),
     /// The sweep is for another engine than this coordinator's. The caller refuses the request.
     #[error("the sweep is for engine {sweep}, this coordinator runs engine {coordinator}")]
     OtherEngine {

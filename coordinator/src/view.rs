@@ -98,14 +98,58 @@ pub enum JobRef {
     Id(JobId),
     /// By key.
     Key(JobKey),
+    /// By the first digits of its key.
+    Prefix(KeyPrefix),
 }
 
 impl std::str::FromStr for JobRef {
     type Err = furrow_schema::id::IdError;
 
-    /// A number, or the 64 hexadecimal digits of a key.
+    /// A number, the 64 hexadecimal digits of a key, or the first of them.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        if text.len() == 64 { text.parse().map(Self::Key) } else { text.parse().map(Self::Id) }
+        match KeyPrefix::new(text) {
+            _ if text.len() == 64 => text.parse().map(Self::Key),
+            Some(prefix) => Ok(Self::Prefix(prefix)),
+            None => text.parse().map(Self::Id),
+        }
+    }
+}
+
+/// The first digits of a job's key: at least [`KeyPrefix::DIGITS`], fewer than all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct KeyPrefix {
+    /// The smallest key that begins so.
+    pub(crate) low: [u8; 32],
+    /// The largest.
+    pub(crate) high: [u8; 32],
+    /// The job whose number is written in the same way, if it can be read as one. The number has precedence.
+    pub(crate) number: Option<JobId>,
+}
+
+impl std::fmt::Display for KeyPrefix {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        // Up to where the smallest and the largest key that begin so are one.
+        let (low, high) = (JobKey(self.low).to_string(), JobKey(self.high).to_string());
+        low.chars()
+            .zip(high.chars())
+            .take_while(|(low, high)| low == high)
+            .try_for_each(|(digit, _)| write!(f, "{digit}"))
+    }
+}
+
+impl KeyPrefix {
+    /// How many digits it has at least.
+    pub const DIGITS: usize = 8;
+
+    fn new(text: &str) -> Option<Self> {
+        let fits = (Self::DIGITS..64).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let filled = |filler: &str| -> Option<JobKey> {
+            (text.to_ascii_lowercase() + &filler.repeat(64 - text.len())).parse().ok()
+        };
+        if !fits {
+            return None;
+        }
+        Some(Self { low: filled("0")?.0, high: filled("f")?.0, number: text.parse().ok() })
     }
 }
 
@@ -289,6 +333,19 @@ pub struct CellValues {
     pub metrics: BTreeMap<String, Vec<Option<f64>>>,
     /// A column by timing metric, of the runs that ran alone; none for the others.
     pub timings: BTreeMap<String, Vec<Option<f64>>>,
+}
+
+/// A run with a result, and one of its values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunValue {
+    /// Its job's key.
+    pub key: JobKey,
+    /// Its seed.
+    pub seed: u64,
+    /// How it ended.
+    pub outcome: String,
+    /// The value of the metric asked for, in its own unit; none where it is undefined for the run.
+    pub value: Option<f64>,
 }
 
 /// A worker that said hello.

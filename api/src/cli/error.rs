@@ -74,6 +74,7 @@ impl From<StoreError> for CliError {
             StoreError::Open { .. }
             | StoreError::NotOurs { .. }
             | StoreError::Newer { .. }
+            | StoreError::Ambiguous(_)
             | StoreError::Conflict { .. }
             | StoreError::Invalid(_)
             | StoreError::OtherEngine { .. } => Self::BadInput(error.to_string()),

@@ -12,7 +12,7 @@ use crate::http::jobs::Job;
 /// Show one run, or draw it
 #[derive(Debug, clap::Args)]
 pub(super) struct JobArgs {
-    /// Its number or its key
+    /// Its number, its key, or the first digits of its key (8 or more)
     job: String,
     #[command(flatten)]
     source: Source,

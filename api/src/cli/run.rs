@@ -20,7 +20,7 @@ use crate::http::sweeps::new_sweep;
 use crate::http::tables::sweep_data;
 use crate::in_process::Farm;
 use crate::plan::expand;
-use crate::publication;
+use crate::publication::{self, Comparison};
 use crate::table::{Format, Metric, Query, SweepData, Table, tabulate};
 
 /// Progress is looked at no more often than this.
@@ -56,6 +56,7 @@ struct Finished {
     sweep: Sweep,
     cached: u64,
     data: SweepData,
+    comparisons: Vec<Comparison>,
     wall_s: f64,
 }
 
@@ -119,7 +120,22 @@ async fn finish(
     progress.finish(started.elapsed().as_secs_f64());
     let sweep = ended?;
     let data = sweep_data(&coordinator, &sweep, &Query::default()).await?;
-    Ok(Finished { sweep, cached, data, wall_s: started.elapsed().as_secs_f64() })
+    let comparisons = comparisons(&coordinator, &sweep, &data).await?;
+    Ok(Finished { sweep, cached, data, comparisons, wall_s: started.elapsed().as_secs_f64() })
+}
+
+/// The publication's tables in which there is anything of ours.
+async fn comparisons(coordinator: &Coordinator, sweep: &Sweep, data: &SweepData) -> Result<Vec<Comparison>, CliError> {
+    let mut comparisons = Vec::new();
+    for (source, table) in publication::tables_of(&sweep.plan, data) {
+        let mut comparison =
+            publication::compare(source, table, Some(data)).map_err(CliError::failed("no comparison"))?;
+        if comparison.cells.iter().any(|cell| cell.ours.is_some()) {
+            publication::cite(coordinator, sweep.id, &mut comparison).await?;
+            comparisons.push(comparison);
+        }
+    }
+    Ok(comparisons)
 }
 
 /// A priority above all sweeps that an earlier command left unfinished in the same database.
@@ -161,7 +177,7 @@ struct Summary<'a> {
 }
 
 fn print_json(finished: &Finished) -> Result<(), CliError> {
-    let Finished { sweep, cached, data, wall_s } = finished;
+    let Finished { sweep, cached, data, wall_s, .. } = finished;
     let table = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
     output::json(&Summary {
         plan: &sweep.plan,
@@ -176,23 +192,44 @@ fn print_json(finished: &Finished) -> Result<(), CliError> {
 }
 
 fn print_tables(finished: &Finished) -> Result<(), CliError> {
-    let Finished { sweep, cached, data, wall_s } = finished;
+    let Finished { sweep, cached, data, comparisons, wall_s } = finished;
     let everything = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
     let metrics = Some(shown(&everything));
     let table = tabulate(data, &Query { metrics, ..Query::default() }).map_err(CliError::failed("no table"))?;
     output::line(&table.write(Format::Text))?;
-    for (source, table) in publication::tables_of(&sweep.plan, data) {
-        let comparison = publication::compare(source, table, Some(data)).map_err(CliError::failed("no comparison"))?;
-        if comparison.cells.iter().any(|cell| cell.ours.is_some()) {
-            output::line(&format!("\n{}", comparison.write(Format::Text)))?;
-        }
+    for comparison in comparisons {
+        output::line(&format!("\n{}", comparison.write(Format::Text)))?;
+    }
+    if let Some(hint) = hint_at_timing(&publication::unmeasured_tables_of(&sweep.plan, data)) {
+        output::line(&format!("\n{hint}"))?;
     }
     let (runs, failed) = (sweep.done, sweep.failed);
     output::line(&format!("\n{runs} runs, {cached} of them cached, {failed} failed, in {}", span(*wall_s)))
+}
+
+/// What to do for tables that need measured times; nothing if there are none such.
+fn hint_at_timing(tables: &[&str]) -> Option<String> {
+    let numbers: Vec<&str> = tables.iter().map(|table| table.trim_start_matches("table-")).collect();
+    let (plural, verb) = if tables.len() > 1 { ("s", "") } else { ("", "s") };
+    (!tables.is_empty()).then(|| {
+        format!("Table{plural} {} need{verb} computing times: add --timing to measure them.", numbers.join(" and "))
+    })
 }
 
 /// The metrics that fit a terminal: the first few, and all times where they were measured.
 fn shown(table: &Table) -> Vec<String> {
     let (times, others): (Vec<&Metric>, Vec<&Metric>) = table.metrics.iter().partition(|metric| metric.timing);
     others.into_iter().take(SHOWN).chain(times).map(|metric| metric.name.to_string()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_of_times_that_are_missing_are_named() {
+        let hint = hint_at_timing(&["table-4", "table-6"]).unwrap();
+        assert_eq!(hint, "Tables 4 and 6 need computing times: add --timing to measure them.");
+        assert_eq!(hint_at_timing(&[]), None);
+    }
 }

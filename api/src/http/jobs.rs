@@ -183,7 +183,7 @@ async fn known_factors(app: &App, sweep: SweepId, factors: &BTreeMap<String, Str
 
 /// One job with its scenario, attempts, metrics and timings.
 #[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs",
-    params(("job" = String, Path, description = "number or key")),
+    params(("job" = String, Path, description = "number, key, or the first digits of a key: at least 8")),
     responses((status = 200, body = Job), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn get_job(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Json<Job>, Problem> {
     params.finish()?;
@@ -191,7 +191,7 @@ async fn get_job(State(app): State<App>, Path(name): Path<String>, params: Param
 }
 
 impl App {
-    /// The job of that number or key.
+    /// The job of that number, key or beginning of a key.
     pub(super) async fn job(&self, name: &str) -> Result<JobDetail, Problem> {
         let no_job = || Problem::not_found("job", name.chars().take(80).collect::<String>());
         let job: JobRef = name.parse().map_err(|_| no_job())?;

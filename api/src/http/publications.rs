@@ -30,7 +30,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
     params(
         ("source" = String, Path, description = "the publication, such as `guyonneau2022`"),
         ("table" = String, Path, description = "the table, such as `table-2`"),
-        ("sweep" = Option<SweepId>, Query, description = "the newest sweep of a plan of that publication if not given"),
+        ("sweep" = Option<SweepId>, Query, description = "if not given the newest sweep of a plan of that publication; for a table of times the newest that measured them"),
         ("format" = Option<String>, Query, description = "json, csv, md, latex or text; wins over the header Accept"),
     ),
     responses(
@@ -48,14 +48,17 @@ async fn get_publication(
     params.finish()?;
     let sweep = match asked {
         Some(id) => Some(app.sweep(id).await?),
-        None => app.newest_of(&source).await?,
+        None => app.newest_of(&source, publication::is_of_times(&source, &table)).await?,
     };
     let data = match &sweep {
         Some(sweep) => Some(sweep_data(app.coordinator(), sweep, &Query::default()).await?),
         None => None,
     };
     let comparing = tokio::task::spawn_blocking(move || publication::compare(&source, &table, data.as_ref()));
-    let comparison = comparing.await.map_err(|error| Problem::internal(&error))??;
+    let mut comparison = comparing.await.map_err(|error| Problem::internal(&error))??;
+    if let Some(sweep) = &sweep {
+        publication::cite(app.coordinator(), sweep.id, &mut comparison).await?;
+    }
     let text = match form.form {
         Format::Json => json_of(&comparison, sweep.map(|sweep| sweep.id)),
         format => comparison.write(format),
@@ -71,14 +74,15 @@ fn json_of(comparison: &Comparison, sweep: Option<SweepId>) -> String {
 }
 
 impl App {
-    /// The newest sweep of a plan of publication `source`.
-    async fn newest_of(&self, source: &str) -> Result<Option<Sweep>, Problem> {
+    /// The newest sweep of a plan of publication `source`, or the newest of those that measure times.
+    async fn newest_of(&self, source: &str, timing: bool) -> Result<Option<Sweep>, Problem> {
         let mut after = None;
         loop {
             let page = self.coordinator().sweeps(after, PAGE).await?;
             after = page.last().map(|sweep| sweep.id);
             let last = page.len() < PAGE as usize;
-            let belongs = |sweep: &Sweep| sweep.plan.split_once('/').is_some_and(|(of, _)| of == source);
+            let is_of_source = |sweep: &Sweep| sweep.plan.split_once('/').is_some_and(|(of, _)| of == source);
+            let belongs = |sweep: &Sweep| is_of_source(sweep) && (sweep.timing || !timing);
             let found = page.into_iter().find(belongs);
             if found.is_some() || last {
                 return Ok(found);

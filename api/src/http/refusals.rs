@@ -34,6 +34,7 @@ impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         match error {
             StoreError::Invalid(reason) => Self::unprocessable(reason),
+            StoreError::Ambiguous(_) => Self::bad_request(error.to_string()).at("job"),
             StoreError::Conflict { .. } => Self::new(StatusCode::CONFLICT, error.to_string()).at("Idempotency-Key"),
             StoreError::OtherEngine { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
             StoreError::NotWritten(_) | StoreError::Database(_) | StoreError::Closed => {

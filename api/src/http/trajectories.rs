@@ -60,7 +60,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// The poses of a finished run, 20 a simulated second.
 #[utoipa::path(get, path = "/v1/jobs/{job}/trajectory", tag = "jobs",
     params(
-        ("job" = String, Path, description = "number or key"),
+        ("job" = String, Path, description = "number, key, or the first digits of a key: at least 8"),
         ("format" = Option<String>, Query, description = "json or csv; wins over the header Accept"),
     ),
     responses(
@@ -87,7 +87,7 @@ async fn get_trajectory(
 
 /// A drawing of a finished run: field, weeds, damaged plants and the path.
 #[utoipa::path(get, path = "/v1/jobs/{job}/trajectory.svg", tag = "jobs",
-    params(("job" = String, Path, description = "number or key")),
+    params(("job" = String, Path, description = "number, key, or the first digits of a key: at least 8")),
     responses(
         (status = 200, body = String, content_type = "image/svg+xml"),
         (status = "default", body = Problem, content_type = "application/problem+json")))]

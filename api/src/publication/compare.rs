@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 
 use super::error::PublicationError;
+use super::reason::explain;
 use super::reference::{ALGORITHMS, FIELDS, MEAN, Reference, find};
 use super::verdict::{Pair, Verdict, interval_of_means, judge};
 use super::{Comparison, ComparisonCell, Ours};
-use crate::table::{CellData, Series, SweepData, short, summarize};
+use crate::table::{CellData, Series, SweepData, summarize};
 
 /// Puts the runs of a sweep with the factors `algorithm` and `field` beside a published table; without a sweep
 /// every verdict is `not-run`. Runs with labels that the paper does not know are left out. For medians, the
@@ -26,6 +27,7 @@ pub fn compare(source: &str, table: &str, data: Option<&SweepData>) -> Result<Co
         metric: reference.metric_name().to_owned(),
         unit: reference.unit().to_owned(),
         note: reference.note().map(str::to_owned),
+        program_source: reference.program_source(),
         cells,
     })
 }
@@ -72,9 +74,10 @@ fn block(reference: &Reference, runs: &[&CellData], variant: &BTreeMap<String, S
         }
         cells.push(last);
     }
-    let pairs: Vec<Vec<Pair>> = (0..cells.len()).map(|index| others(&cells, index)).collect();
-    for (cell, others) in cells.iter_mut().zip(pairs) {
-        conclude(reference, cell, &others);
+    let verdicts: Vec<Option<Verdict>> = (0..cells.len()).map(|index| verdict(&cells, index)).collect();
+    for (cell, verdict) in cells.iter_mut().zip(verdicts) {
+        cell.verdict = verdict;
+        explain(reference, cell);
     }
     cells
 }
@@ -154,7 +157,16 @@ fn cell(
         ours: group.ours(reference),
         verdict: None,
         note: (missing > 0).then(|| format!("{missing} of {} runs have no result (yet)", group.total)),
+        reason: None,
         success: group.successes(),
+    }
+}
+
+fn verdict(cells: &[ComparisonCell], index: usize) -> Option<Verdict> {
+    match (cells[index].published, &cells[index].ours) {
+        (_, None) => Some(Verdict::NotRun),
+        (Some(published), Some(ours)) => Some(judge(published, ours, &others(cells, index))),
+        (None, Some(_)) => None,
     }
 }
 
@@ -165,55 +177,12 @@ fn others(cells: &[ComparisonCell], index: usize) -> Vec<Pair> {
     same.filter_map(|(_, cell)| Some((cell.published?, cell.ours?.mean))).collect()
 }
 
-/// Fills in verdict and note.
-fn conclude(reference: &Reference, cell: &mut ComparisonCell, others: &[Pair]) {
-    cell.verdict = match (cell.published, &cell.ours) {
-        (_, None) => Some(Verdict::NotRun),
-        (Some(published), Some(ours)) => Some(judge(published, ours, others)),
-        (None, Some(_)) => None,
-    };
-    let decimals = reference.metric().decimals;
-    let notes =
-        [beside(cell, decimals), failures(cell, reference), cell.note.take(), about_program(cell), unpublished(cell)];
-    let notes: Vec<String> = notes.into_iter().flatten().collect();
-    cell.note = (!notes.is_empty()).then(|| notes.join("; "));
-}
-
-/// Both values in words, where they do not agree.
-fn beside(cell: &ComparisonCell, decimals: u8) -> Option<String> {
-    if !matches!(cell.verdict, Some(Verdict::Different | Verdict::SameRanking)) {
-        return None;
-    }
-    let (published, ours) = (cell.published?, cell.ours?);
-    let interval = ours.ci95.map_or_else(String::new, |[low, high]| {
-        format!(", 95 % interval {} to {}", short(low, decimals), short(high, decimals))
-    });
-    Some(format!("ours {} (n {}{interval}), published {published}", short(ours.mean, decimals), ours.n))
-}
-
-/// No average stands without its failures.
-fn failures(cell: &ComparisonCell, reference: &Reference) -> Option<String> {
-    let (successes, runs) = cell.success.filter(|(successes, runs)| successes < runs)?;
-    (reference.measured() != "success").then(|| format!("{successes} of {runs} runs successful"))
-}
-
-/// Where paper and program disagree by more than a factor of two, ours cannot meet both.
-fn about_program(cell: &ComparisonCell) -> Option<String> {
-    let (published, program) = (cell.published?, cell.program?);
-    let apart = published.max(program) > 2.0 * published.min(program);
-    apart.then(|| format!("the authors' own program gives {} here, not {published}", short(program, 2)))
-}
-
-fn unpublished(cell: &ComparisonCell) -> Option<String> {
-    cell.published.is_none().then(|| "announced in the paper's method, but not in its tables".to_owned())
-}
-
 #[cfg(test)]
 mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::publication::tables_of;
+    use crate::publication::{is_of_times, tables_of, unmeasured_tables_of};
     use crate::table::Format;
 
     fn run(algorithm: &str, field: &str, errors: &[f64], successes: &[f64]) -> CellData {
@@ -280,9 +249,12 @@ mod tests {
         assert_eq!(verdict("pearl", "crop-1"), None);
         assert_eq!(verdict("ruby", "crop-1"), Some(Verdict::NotRun));
         let note = find_cell(&errors, "rgop", "crop-3").note.clone().unwrap();
-        assert_eq!(note, "ours 45.5 (n 3, 95 % interval 44.3 to 46.7), published 67; 1 of 4 runs have no result (yet)");
-        let note = find_cell(&errors, "rg", "crop-1").note.clone().unwrap();
-        assert!(note.contains("2 of 4 runs successful; the authors' own program gives 60.50 here, not 8700"), "{note}");
+        let reason = "1 of 4 runs have no result (yet); ours agrees with the authors' own program \
+                      (45.5, median 45.4, 7 runs), which does not reproduce the published value either";
+        assert_eq!(note, format!("ours 45.5 (n 3, 95 % interval 44.3 to 46.7), published 67; {reason}"));
+        assert_eq!(find_cell(&errors, "rgop", "crop-3").reason.as_deref(), Some(reason));
+        let note = find_cell(&errors, "ruby", "crop-1").note.clone().unwrap();
+        assert_eq!(note, "the authors' own program gives 62.90 here, not 2900");
     }
 
     #[test]
@@ -329,9 +301,12 @@ mod tests {
             tables_of("guyonneau2022/bounds", data).into_iter().map(|(_, table)| table).collect::<Vec<_>>()
         };
         assert_eq!(names(&data), ["table-2", "table-3", "table-5"]);
+        assert_eq!(unmeasured_tables_of("guyonneau2022/bounds", &data), ["table-4", "table-6"]);
         data.cells[0].metrics.insert("line_finding_time_ms".into(), Series::of([0.03]));
         assert_eq!(names(&data), ["table-2", "table-3", "table-4", "table-5"]);
         assert_eq!(tables_of("mine", &data), []);
+        assert!(unmeasured_tables_of("mine", &data).is_empty());
+        assert!(is_of_times("guyonneau2022", "table-6") && !is_of_times("guyonneau2022", "table-5"));
     }
 
     #[test]

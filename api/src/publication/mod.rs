@@ -1,7 +1,8 @@
 //! Published tables with ours beside them.
 //!
 //! Read in this order: `reference` holds what was published, `compare` finds our runs for each published
-//! cell, `verdict` says how the two agree, `layout` sets them in the paper's rows and columns.
+//! cell, `verdict` says how the two agree, `reason` why in words, `evidence` which runs show it, `layout` sets
+//! all that in the paper's rows and columns.
 //!
 //! # Verdicts
 //! - `inside`: the published value lies within our 95 % interval, ends included. Where the interval is a single
@@ -13,10 +14,19 @@
 //! - `not-run`: the sweep has no finished run for this cell (for the mean column: not for all four crops).
 //!
 //! Where nothing is published there is no verdict, unless it is `not-run`.
+//!
+//! # Reasons
+//! A verdict `different` comes with a reason. It says how ours and the published value compare with what the
+//! authors' program gave: two means *agree* if the 95 % interval of their difference holds 0. The program's own
+//! interval is Wilson's for ratios; for other values its runs are taken to spread as ours do, or by as much as
+//! its mean and median are apart if that is more. Then it says how
+//! many runs failed and by which outcome, and cites runs by the first digits of their job keys.
 
 mod compare;
 mod error;
+mod evidence;
 mod layout;
+mod reason;
 mod reference;
 mod verdict;
 
@@ -24,10 +34,11 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::table::{Format, Grid, SweepData, render};
+use crate::table::{Format, Grid, Metric, SweepData, metric, render};
 
 pub use compare::compare;
 pub use error::PublicationError;
+pub use evidence::cite;
 pub use reference::{sources, tables};
 pub use verdict::Verdict;
 
@@ -47,6 +58,9 @@ pub struct Comparison {
     /// What there is to say about the published table as a whole.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
+    /// How the program's values were made, for people.
+    #[serde(skip)]
+    pub(crate) program_source: Option<&'static str>,
     /// The cells, by algorithm, then field; the field `mean` is the published mean over the fields.
     pub cells: Vec<ComparisonCell>,
 }
@@ -70,8 +84,11 @@ pub struct ComparisonCell {
     pub ours: Option<Ours>,
     /// How the published value and ours agree; null where nothing is published.
     pub verdict: Option<Verdict>,
-    /// What else there is to know, in words.
+    /// What else there is to know, in words; for a verdict `different` its reason, with the job keys of runs.
     pub note: Option<String>,
+    /// The reason of a verdict `different`, without the numbers that stand in the table, for people.
+    #[serde(skip)]
+    pub(crate) reason: Option<String>,
     /// Successful and finished runs, for people.
     #[serde(skip)]
     pub(crate) success: Option<(u64, u64)>,
@@ -97,6 +114,11 @@ pub struct Ours {
 }
 
 impl Comparison {
+    /// The metric whose values make up the table.
+    fn measured(&self) -> Metric {
+        metric(if self.metric == "success_ratio" { "success" } else { &self.metric })
+    }
+
     /// The comparison as text in `format`: for people in the paper's rows and columns, in CSV one line per cell.
     #[must_use]
     pub fn write(&self, format: Format) -> String {
@@ -118,9 +140,27 @@ impl Comparison {
 /// sweep has measured times.
 #[must_use]
 pub fn tables_of(plan: &str, data: &SweepData) -> Vec<(&'static str, &'static str)> {
-    let belongs = |source: &&&str| plan.split('/').next() == Some(**source);
-    let Some(source) = sources().iter().find(belongs) else { return Vec::new() };
-    let has = |metric: &str| data.cells.iter().any(|cell| cell.metrics.contains_key(metric));
-    let shown = |table: &&reference::Reference| !table.is_timing() || has(table.measured());
-    reference::of(source).filter(shown).map(|table| (*source, table.name)).collect()
+    let Some(source) = source_of(plan) else { return Vec::new() };
+    reference::of(source).filter(|table| is_measured(table, data)).map(|table| (source, table.name)).collect()
+}
+
+/// The tables of times of the publication to which `plan` belongs that the sweep has not measured.
+#[must_use]
+pub fn unmeasured_tables_of(plan: &str, data: &SweepData) -> Vec<&'static str> {
+    let Some(source) = source_of(plan) else { return Vec::new() };
+    reference::of(source).filter(|table| !is_measured(table, data)).map(|table| table.name).collect()
+}
+
+fn source_of(plan: &str) -> Option<&'static str> {
+    sources().iter().find(|source| plan.split('/').next() == Some(**source)).copied()
+}
+
+fn is_measured(table: &reference::Reference, data: &SweepData) -> bool {
+    !table.is_timing() || data.cells.iter().any(|cell| cell.metrics.contains_key(table.measured()))
+}
+
+/// Whether a published table is one of times. Not, if it is unknown.
+#[must_use]
+pub fn is_of_times(source: &str, table: &str) -> bool {
+    reference::of(source).any(|known| known.name == table && known.is_timing())
 }

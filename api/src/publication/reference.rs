@@ -4,8 +4,10 @@ use std::sync::LazyLock;
 
 use serde::Deserialize;
 
+use super::Ours;
 use super::error::PublicationError;
-use crate::table::{Metric, metric};
+use super::verdict::interval_of_means;
+use crate::table::{Metric, metric, wilson_interval};
 
 /// The finders of the plan, in the order of the paper's method; `pearl` is announced there but not in its tables.
 pub(super) const ALGORITHMS: [&str; 6] = ["pearl", "ruby", "rg", "rgop", "rgoppn", "rgoppni"];
@@ -61,6 +63,7 @@ struct PublishedValue {
 /// What the authors' program gave.
 #[derive(Deserialize)]
 struct Program {
+    source: String,
     cells: Vec<ProgramCell>,
 }
 
@@ -81,6 +84,23 @@ pub(super) struct ProgramValue {
     pub(super) value: f64,
     pub(super) median: Option<f64>,
     pub(super) runs: u64,
+    /// 95 % interval; of ratios only, since the spread of the other values is not on record.
+    pub(super) ci95: Option<[f64; 2]>,
+}
+
+impl ProgramValue {
+    /// For the column `mean`: the mean over the crops.
+    fn mean_of(crops: &[Self]) -> Self {
+        let mean = crops.iter().map(|crop| crop.value).sum::<f64>() / crops.len() as f64;
+        let ours = |crop: &Self| Ours { mean: crop.value, median: None, ci95: crop.ci95, n: crop.runs };
+        Self {
+            // The crops' values are given with two digits behind the point; the quarter of a sum has two more.
+            value: (mean * 1e4).round() / 1e4,
+            median: None,
+            runs: crops.iter().map(|crop| crop.runs).sum(),
+            ci95: interval_of_means(&crops.iter().map(ours).collect::<Vec<_>>()),
+        }
+    }
 }
 
 /// Names of the publications whose tables are known.
@@ -163,15 +183,16 @@ impl Reference {
         cells.iter().find(|cell| cell.algorithm == algorithm && cell.field == field).map(|cell| cell.value)
     }
 
+    /// How the program's values were made, where it has any of this table.
+    pub(super) fn program_source(&self) -> Option<&'static str> {
+        self.program(ALGORITHMS[0], FIELDS[0]).map(|_| PROGRAM.source.as_str())
+    }
+
     /// What the authors' program gave for a cell; for the column `mean` the mean over its crops.
     pub(super) fn program(&self, algorithm: &str, field: &str) -> Option<ProgramValue> {
         if field == MEAN {
             let crops: Option<Vec<ProgramValue>> = FIELDS.iter().map(|crop| self.program(algorithm, crop)).collect();
-            let crops = crops?;
-            let mean = crops.iter().map(|crop| crop.value).sum::<f64>() / crops.len() as f64;
-            // The crops' values are given with two digits behind the point; the quarter of a sum has two more.
-            let value = (mean * 1e4).round() / 1e4;
-            return Some(ProgramValue { value, median: None, runs: crops.iter().map(|crop| crop.runs).sum() });
+            return crops.map(|crops| ProgramValue::mean_of(&crops));
         }
         let cell = PROGRAM.cells.iter().find(|cell| cell.algorithm == algorithm && cell.field == field)?;
         let (value, median) = match self.measured() {
@@ -180,7 +201,8 @@ impl Reference {
             "points_processed" => (cell.points_processed, None),
             _ => return None,
         };
-        Some(ProgramValue { value, median, runs: cell.runs })
+        let ci95 = self.metric().ratio.then(|| wilson_interval(value, cell.runs)).flatten();
+        Some(ProgramValue { value, median, runs: cell.runs, ci95 })
     }
 }
 
@@ -211,9 +233,12 @@ mod tests {
             }
         }
         let (_, errors) = find("guyonneau2022", "table-3").unwrap();
-        let expected = ProgramValue { value: 67.0, median: Some(66.3), runs: 7 };
+        let expected = ProgramValue { value: 67.0, median: Some(66.3), runs: 7, ci95: None };
         assert_eq!(errors.program("rgop", "crop-1"), Some(expected));
         assert_eq!(errors.program("rgop", MEAN).unwrap().value, 368.675);
+        let (_, success) = find("guyonneau2022", "table-2").unwrap();
+        let [low, high] = success.program("rgop", MEAN).unwrap().ci95.unwrap();
+        assert!(0.8 < low && low < 0.85 && high == 1.0, "[{low}, {high}]");
     }
 
     #[test]

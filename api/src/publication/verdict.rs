@@ -3,6 +3,8 @@
 use serde::Serialize;
 
 use super::Ours;
+use super::reference::ProgramValue;
+use crate::table::student_interval;
 
 /// How a published value and ours agree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, utoipa::ToSchema)]
@@ -59,6 +61,28 @@ fn keeps_its_place((published, ours): Pair, others: &[Pair]) -> bool {
         order.is_eq() || order == ours.total_cmp(their_ours)
     };
     !others.is_empty() && others.iter().all(agrees)
+}
+
+/// The 95 % interval of the authors' program's value: its own where it is known, else as wide as ours would be
+/// with as many runs, or wider where the program's mean and median are far apart: no deviation is less than their
+/// distance. None where ours has no interval.
+pub(super) fn interval_of_program(program: &ProgramValue, ours: &Ours) -> Option<[f64; 2]> {
+    if program.ci95.is_some() {
+        return program.ci95;
+    }
+    let [low, high] = ours.ci95?;
+    let scaled = (high - low) / 2.0 * (ours.n as f64 / program.runs as f64).sqrt();
+    let distance = program.median.map_or(0.0, |median| (program.value - median).abs());
+    let least = student_interval(0.0, distance, program.runs).map_or(0.0, |[_, high]| high);
+    let half = scaled.max(least);
+    Some([program.value - half, program.value + half])
+}
+
+/// Whether two independent means agree: the 95 % interval of their difference, from both intervals as in
+/// [`interval_of_means`], holds 0.
+pub(super) fn agree(a: (f64, [f64; 2]), b: (f64, [f64; 2])) -> bool {
+    let (low, high) = if a.0 <= b.0 { (a, b) } else { (b, a) };
+    high.0 - low.0 <= (low.1[1] - low.0).hypot(high.0 - high.1[0])
 }
 
 /// The 95 % interval of the mean of several independent means, by adding up the squared distances of each one's
@@ -121,5 +145,26 @@ mod tests {
         let [low, high] = interval_of_means(&four).unwrap();
         assert!((low - 0.9).abs() < 1e-12 && high == 1.0);
         assert_eq!(interval_of_means(&[ours(1.0, None), ours(1.0, Some([0.0, 1.0]))]), None);
+    }
+
+    #[test]
+    fn means_agree_if_their_difference_may_be_nothing() {
+        assert!(agree((1.0, [0.0, 2.0]), (2.0, [1.0, 3.0])));
+        assert!(agree((2.0, [1.0, 3.0]), (1.0, [0.0, 2.0])));
+        assert!(!agree((1.0, [0.5, 1.5]), (2.0, [1.5, 2.5])), "0.71 is less than 1");
+        assert!(agree((0.0, [0.0, 1.2]), (1.0, [0.9, 1.0])));
+        assert!(!agree((1.0, [1.0, 1.0]), (2.0, [2.0, 2.0])));
+    }
+
+    #[test]
+    fn the_program_is_as_uncertain_as_its_runs_are_few() {
+        let program = ProgramValue { value: 10.0, median: None, runs: 20, ci95: None };
+        assert_eq!(interval_of_program(&program, &ours(3.0, Some([1.0, 5.0]))), Some([9.0, 11.0]));
+        assert_eq!(interval_of_program(&program, &ours(3.0, None)), None);
+        let skewed = ProgramValue { median: Some(0.0), runs: 4, ..program };
+        let [low, high] = interval_of_program(&skewed, &ours(3.0, Some([2.9, 3.1]))).unwrap();
+        assert!((low + 5.91).abs() < 0.01 && (high - 25.91).abs() < 0.01, "[{low}, {high}]: 3.18 x 10 / 2");
+        let ratio = ProgramValue { ci95: Some([0.0, 1.0]), ..program };
+        assert_eq!(interval_of_program(&ratio, &ours(3.0, None)), Some([0.0, 1.0]));
     }
 }

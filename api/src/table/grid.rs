@@ -11,6 +11,8 @@ pub struct Grid {
     pub rows: Vec<Vec<Entry>>,
     /// Lines below the table. Not part of CSV.
     pub notes: Vec<String>,
+    /// Numbered notes from 1 below those, to which entries refer by `superscript`. Not part of CSV.
+    pub footnotes: Vec<String>,
 }
 
 /// A column's heading.

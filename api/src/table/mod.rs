@@ -26,4 +26,5 @@ pub use render::render;
 pub use statistics::{student_interval, summarize, wilson_interval};
 pub use tabulate::{Table, tabulate};
 
-pub(crate) use number::short;
+pub(crate) use number::{short, superscript};
+pub(crate) use statistics::median;

@@ -10,6 +10,15 @@ pub(crate) fn short(value: f64, decimals: u8) -> String {
     }
 }
 
+/// A count as a mark above the line, such as that of a footnote.
+pub(crate) fn superscript(count: usize) -> String {
+    let raised = |digit: u8| SUPERSCRIPTS[usize::from(digit - b'0')];
+    count.to_string().bytes().map(raised).collect()
+}
+
+/// The digits 0 to 9 above the line.
+pub(super) const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+
 /// A number for programs: the shortest text that reads back as the same bits, with a point.
 pub(super) fn exact(value: f64) -> String {
     let magnitude = value.abs();
@@ -29,6 +38,11 @@ mod tests {
         assert_eq!(short(-0.001, 2), "0.00");
         assert_eq!(short(-0.01, 2), "-0.01");
         assert_eq!(short(1e99, 1), "1.000e99");
+    }
+
+    #[test]
+    fn a_mark_stands_above_the_line() {
+        assert_eq!(superscript(12), "¹²");
     }
 
     proptest! {

@@ -36,8 +36,8 @@ fn mean(moments: &Moments) -> Option<f64> {
     Some(moments.mean()?.clamp(moments.min()?, moments.max()?))
 }
 
-/// The value in the middle, or the mean of the two in the middle.
-fn median(values: &[f64]) -> Option<f64> {
+/// The value in the middle, or the mean of the two in the middle; none without values.
+pub(crate) fn median(values: &[f64]) -> Option<f64> {
     let mut values = values.to_vec();
     let half = values.len() / 2;
     let even = values.len().is_multiple_of(2);

@@ -159,4 +159,32 @@ mod tests {
         assert_eq!(bench.coordinator.job(JobRef::Id(JobId(5))).await.unwrap(), None);
         assert!("x".parse::<JobRef>().is_err() && "1.x".parse::<JobCursor>().is_err());
     }
+
+    #[tokio::test]
+    async fn the_first_digits_of_a_key_find_its_job_unless_they_find_several() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 3)).await;
+        for (id, key) in [(1, "ab12345600"), (2, "ab12345601"), (3, "0000000200")] {
+            let key = key.to_owned() + &"7".repeat(54);
+            sqlx::query("update job set key = unhex(?2) where id = ?1")
+                .bind(id)
+                .bind(key)
+                .execute(bench.store.writer())
+                .await
+                .unwrap();
+        }
+        let find = |text: &str| {
+            let job = text.parse::<JobRef>().unwrap();
+            let coordinator = bench.coordinator.clone();
+            async move { coordinator.job(job).await.map(|job| job.map(|job| job.id.0)) }
+        };
+        assert_eq!(find("AB12345601").await.unwrap(), Some(2));
+        assert_eq!(find("ab123456007").await.unwrap(), Some(1));
+        assert_eq!(find("ab123457").await.unwrap(), None);
+        let error = find("ab123456").await.unwrap_err();
+        assert_eq!(error.to_string(), "the keys of several jobs begin with `ab123456`: give more digits");
+        assert_eq!(find("000000020").await.unwrap(), Some(3));
+        assert_eq!(find("00000002").await.unwrap(), Some(2), "a number is a number, whatever keys begin so");
+        assert!("ab12345".parse::<JobRef>().is_err());
+    }
 }

@@ -9,7 +9,7 @@ use crate::error::StoreError;
 use crate::store::job::state_of;
 use crate::store::worker::worker_id;
 use crate::store::{Store, from_json, hash, incident, unsigned};
-use crate::view::{Attempt, AttemptEnd, JobCell, JobDetail, JobRef, JobResult};
+use crate::view::{Attempt, AttemptEnd, JobCell, JobDetail, JobRef, JobResult, KeyPrefix};
 
 /// At most this many incidents of a job are shown.
 const MOST_INCIDENTS: u32 = 100;
@@ -17,6 +17,12 @@ const MOST_INCIDENTS: u32 = 100;
 /// A job by number or key with its scenario.
 const JOB: &str = "select job.id, key, state, scenario.json, seed, priority, created_ms, ended_ms, attempt, claim_id
     from job join scenario on scenario.id = job.scenario_id where job.id = ?1 or job.key = ?2";
+
+/// The keys from ?1 to ?2, as far as needed to tell one from several.
+const KEYS: &str = "select key from job where key between ?1 and ?2 order by key limit 2";
+
+/// The key of a job.
+const KEY_OF: &str = "select key from job where id = ?1";
 
 /// The cells that want a job.
 const CELLS: &str = "select cell.sweep_id, cell.id, cell.factors
@@ -37,7 +43,7 @@ const RESULT: &str = "select claim_id, attempt, digest, outcome, metrics, timing
     from result left join trajectory on trajectory.job_id = result.job_id where result.job_id = ?1";
 
 #[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[JOB, CELLS, ATTEMPTS, CLAIM, RESULT];
+pub(super) const STATEMENTS: &[&str] = &[JOB, KEYS, KEY_OF, CELLS, ATTEMPTS, CLAIM, RESULT];
 
 type JobRow = (i64, Vec<u8>, String, String, i64, i64, i64, Option<i64>, i64, Option<i64>);
 type ResultRow = (i64, i64, Vec<u8>, String, String, String, i64, Option<Vec<u8>>);
@@ -49,6 +55,7 @@ pub(crate) async fn get(store: &Store, job: JobRef) -> Result<Option<JobDetail>,
     let (by_id, by_key) = match job {
         JobRef::Id(id) => (Some(id.0), None),
         JobRef::Key(key) => (None, Some(key.0.to_vec())),
+        JobRef::Prefix(prefix) => (None, key_of(conn, prefix).await?),
     };
     let row: Option<JobRow> = sqlx::query_as(JOB).bind(by_id).bind(by_key).fetch_optional(&mut *conn).await?;
     let Some((id, key, state, scenario_json, seed, priority, created_ms, ended_ms, attempt, claim)) = row else {
@@ -74,6 +81,19 @@ pub(crate) async fn get(store: &Store, job: JobRef) -> Result<Option<JobDetail>,
         created_ms,
         ended_ms,
     }))
+}
+
+/// The one key that begins so, or that of the job whose number reads the same.
+async fn key_of(conn: &mut SqliteConnection, prefix: KeyPrefix) -> Result<Option<Vec<u8>>, StoreError> {
+    if let Some(number) = prefix.number {
+        let numbered = sqlx::query_scalar(KEY_OF).bind(number.0).fetch_optional(&mut *conn).await?;
+        if numbered.is_some() {
+            return Ok(numbered);
+        }
+    }
+    let (low, high) = (prefix.low.to_vec(), prefix.high.to_vec());
+    let mut keys: Vec<Vec<u8>> = sqlx::query_scalar(KEYS).bind(low).bind(high).fetch_all(conn).await?;
+    if keys.len() > 1 { Err(StoreError::Ambiguous(prefix.to_string())) } else { Ok(keys.pop()) }
 }
 
 async fn cells(conn: &mut SqliteConnection, job: i64) -> Result<Vec<JobCell>, StoreError> {

@@ -1,7 +1,7 @@
 //! The database: one file, one writer, many readers. The only SQL of the program that writes is below here.
 //!
-//! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `job` and
-//! `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
+//! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `job`,
+//! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
 //! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
 //! table each. Statements are constants with a sentence each; a test prepares all of them.
 //!
@@ -18,6 +18,7 @@ mod open;
 mod random_histories;
 pub(crate) mod renew;
 pub(crate) mod result;
+pub(crate) mod runs;
 pub(crate) mod scenario;
 pub(crate) mod submit;
 pub(crate) mod sweep;
@@ -170,6 +171,7 @@ mod tests {
             job_detail::STATEMENTS,
             renew::STATEMENTS,
             result::STATEMENTS,
+            runs::STATEMENTS,
             scenario::STATEMENTS,
             submit::STATEMENTS,
             sweep::STATEMENTS,

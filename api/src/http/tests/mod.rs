@@ -1,6 +1,7 @@
 //! The routes on a real coordinator, with results that a test hands in as a worker would.
 
 mod problems;
+mod publications;
 mod resources;
 mod runs;
 

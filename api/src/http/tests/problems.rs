@@ -3,9 +3,10 @@
 use axum::body::Body;
 use axum::http::Request;
 use axum::http::header::CONTENT_TYPE;
+use furrow_coordinator::StoreError;
 use serde_json::{Value, json};
 
-use super::super::problem::MEDIA_TYPE;
+use super::super::problem::{MEDIA_TYPE, Problem};
 use super::{Answer, Service, plan};
 
 /// Checks that `answer` is a problem with `status` and the key at fault, if one is expected.
@@ -113,6 +114,13 @@ async fn what_is_not_there_is_not_found() {
     }
     check(&service.get("/v1/publications/nobody/table-1").await, 404, Some("source"));
     check(&service.get("/v1/publications/guyonneau2022/table-99").await, 404, Some("table"));
+}
+
+#[test]
+fn too_few_digits_of_a_key_are_a_bad_request() {
+    let problem = Problem::from(StoreError::Ambiguous("ab123456".to_owned()));
+    assert_eq!((problem.status, problem.key.as_deref()), (400, Some("job")));
+    assert!(problem.detail.contains("`ab123456`: give more digits"), "{}", problem.detail);
 }
 
 #[tokio::test]

@@ -101,34 +101,19 @@ async fn jobs_are_found_by_sweep_state_and_label_page_by_page() {
 }
 
 #[tokio::test]
-async fn a_job_goes_by_number_or_key() {
+async fn a_job_goes_by_number_key_or_beginning_of_a_key() {
     let service = Service::with_results(1).await;
     let line = service.get("/v1/jobs?limit=1").await.json()["items"][0].clone();
     let job = service.get(&format!("/v1/jobs/{}", line["id"])).await.json();
-    assert_eq!(service.get(&format!("/v1/jobs/{}", line["key"].as_str().unwrap())).await.json(), job);
+    let key = line["key"].as_str().unwrap();
+    for name in [key, &key[..12], &key[..8].to_uppercase()] {
+        assert_eq!(service.get(&format!("/v1/jobs/{name}")).await.json(), job);
+    }
+    assert_eq!(service.get(&format!("/v1/jobs/{}", &key[..7])).await.status, 404);
     assert_eq!([&job["key"], &job["digest"], &job["state"]], [&line["key"], &line["digest"], &json!("done")]);
     assert_eq!(job["metrics"], json!({"mean_squared_error_mm2": 10.0, "success": 1.0}));
     assert_eq!(job["scenario"]["field"]["kind"], "guyonneau2022");
     assert_eq!((&job["attempts"][0]["end"], &job["timings"]["wall_ms"]), (&json!("done"), &json!(5.0)));
-}
-
-#[tokio::test]
-async fn a_publication_takes_the_newest_sweep_of_its_plans() {
-    let service = Service::start().await;
-    let before = service.get("/v1/publications/guyonneau2022/table-2").await;
-    assert_eq!((before.status, &before.json()["sweep"]), (200, &Value::Null));
-    assert!(before.json()["cells"].as_array().unwrap().iter().all(|cell| cell["verdict"] == "not-run"));
-
-    service.post(&json!({"plan": plan(), "seeds": 2}), &[]).await;
-    service.work().await;
-    let after = service.get("/v1/publications/guyonneau2022/table-2").await.json();
-    assert_eq!(after["sweep"], 1);
-    let is_ours = |cell: &&Value| cell["factors"]["algorithm"] == "rgop" && cell["factors"]["field"] == "crop-1";
-    let ours = after["cells"].as_array().unwrap().iter().find(is_ours).unwrap();
-    assert_eq!(ours["ours"]["n"], 2, "{ours}");
-    assert_eq!(service.get("/v1/publications/guyonneau2022/table-2?sweep=1").await.json(), after);
-    let text = service.get("/v1/publications/guyonneau2022/table-2?format=md").await;
-    assert_eq!(text.header("content-type"), "text/markdown; charset=utf-8");
 }
 
 #[tokio::test]

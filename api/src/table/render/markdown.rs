@@ -18,6 +18,10 @@ pub(super) fn write(grid: &Grid) -> String {
     for note in &grid.notes {
         lines.extend([String::new(), escaped(note)]);
     }
+    if !grid.footnotes.is_empty() {
+        lines.push(String::new());
+        lines.extend(grid.footnotes.iter().enumerate().map(|(i, note)| format!("{}. {}", i + 1, escaped(note))));
+    }
     lines.join("\n") + "\n"
 }
 
@@ -60,5 +64,11 @@ mod tests {
         assert_eq!(escaped("a|b\n<script>"), "a\\|b &lt;script&gt;");
         assert_eq!(escaped("`x` *y*"), "\\`x\\` \\*y\\*");
         assert_eq!(escaped("[0, 1] [x](y)"), "[0, 1] [x\\](y)");
+    }
+
+    #[test]
+    fn footnotes_are_an_ordered_list() {
+        let grid = Grid { footnotes: vec!["a*".into(), "b".into()], ..Grid::default() };
+        assert!(write(&grid).ends_with("\n\n1. a\\*\n2. b\n"));
     }
 }

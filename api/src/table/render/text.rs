@@ -4,6 +4,10 @@ use comfy_table::{Cell, CellAlignment, LineStyle, Table, presets};
 
 use super::{plain, printable};
 use crate::table::grid::{Align, Entry, Grid};
+use crate::table::number::superscript;
+
+/// Notes are no narrower than this many characters, however narrow the table is.
+const NARROWEST_NOTE: usize = 100;
 
 pub(super) fn write(grid: &Grid) -> String {
     let mut table = Table::new();
@@ -16,8 +20,34 @@ pub(super) fn write(grid: &Grid) -> String {
         table.add_row(cells.collect::<Vec<Cell>>());
     }
     let title = Some(printable(&grid.title)).filter(|title| !title.is_empty());
-    let notes = grid.notes.iter().map(|note| printable(note));
-    title.into_iter().chain([table.trim_fmt()]).chain(notes).map(|part| part + "\n").collect()
+    let table = table.trim_fmt();
+    let width = table.lines().map(|line| line.chars().count()).fold(NARROWEST_NOTE, usize::max);
+    let notes = grid.notes.iter().map(|note| wrapped(&printable(note), 0, width));
+    let footnotes = grid.footnotes.iter().enumerate().map(|(i, note)| {
+        let mark = superscript(i + 1);
+        wrapped(&format!("{mark} {}", printable(note)), mark.chars().count() + 1, width)
+    });
+    title.into_iter().chain([table]).chain(notes).chain(footnotes).map(|part| part + "\n").collect()
+}
+
+/// A note in lines of at most `width` characters, as far as its words allow, all but the first indented.
+fn wrapped(note: &str, indent: usize, width: usize) -> String {
+    let mut text = String::new();
+    let mut column = 0;
+    for word in note.split_whitespace() {
+        let length = word.chars().count();
+        if column > indent && column + 1 + length > width {
+            text.push('\n');
+            text.extend(std::iter::repeat_n(' ', indent));
+            column = indent;
+        } else if column > 0 {
+            text.push(' ');
+            column += 1;
+        }
+        text += word;
+        column += length;
+    }
+    text
 }
 
 fn aligned(text: String, align: Align) -> Cell {
@@ -49,5 +79,11 @@ mod tests {
         };
         let text = write(&grid);
         assert!(!text.contains(['\u{1b}', '\u{7}']), "{text:?}");
+    }
+
+    #[test]
+    fn a_note_is_broken_between_words() {
+        assert_eq!(wrapped("¹ one two three", 2, 10), "¹ one two\n  three");
+        assert_eq!(wrapped("one-two-three four five", 0, 10), "one-two-three\nfour five");
     }
 }
