@@ -43,6 +43,11 @@ impl Stream {
         ((u64::from(self.0.next_u32()) * u64::from(n)) >> 32) as u32
     }
 
+    /// Uniform words of 32 bits, as many as there is room for.
+    pub fn words(&mut self, words: &mut [u32]) {
+        words.fill_with(|| self.0.next_u32());
+    }
+
     /// A standard normal deviate: one uniform through the inverse of the normal distribution.
     pub fn normal(&mut self) -> f64 {
         normal_quantile(self.uniform())

@@ -3,12 +3,13 @@
 //! Guyonneau et al. (2022), sections 2.1 and 2.2: same lines are fused, and the fittest are kept. Coordinates are
 //! kept apart, so that loops over many lines run in lanes.
 
+use super::lanes::LARGEST;
 use super::line::{Line, LineFit, same_line};
 use super::ranking::Ranking;
 use super::sampling::Fresh;
 
 /// In [`Candidates::moved`]: the line is gone.
-pub(super) const GONE: u32 = u32::MAX;
+pub(super) const GONE: u32 = LARGEST;
 
 /// Lines and the sums over their points.
 #[derive(Debug, Default)]
@@ -89,9 +90,11 @@ impl Candidates {
         }
         self.follow_names();
         fresh.fuse();
-        for line in fresh.remaining() {
-            self.push(line, LineFit::default());
-        }
+        let (slopes, intercepts_m) = fresh.remaining();
+        self.slopes.extend_from_slice(slopes);
+        self.intercepts_m.extend_from_slice(intercepts_m);
+        self.fits.resize(self.slopes.len(), LineFit::default());
+        self.energies.resize(self.slopes.len(), 0.0);
     }
 
     /// Compares line `i` with all later ones; returns where to go on.
@@ -114,7 +117,7 @@ impl Candidates {
                 j += 1;
             }
         }
-        fresh.sieve(self.line(i));
+        fresh.stand_behind(self.line(i));
         i + 1
     }
 

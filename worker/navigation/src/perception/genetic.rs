@@ -57,6 +57,8 @@ pub(super) struct Genetic {
     weights: PairWeights,
     fresh: Fresh,
     outliers: Vec<u32>,
+    /// Outliers on the left, then those on the right.
+    sides: Vec<u32>,
     lines: Vec<Line>,
 }
 
@@ -70,6 +72,7 @@ impl Genetic {
             weights: PairWeights::default(),
             fresh: Fresh::default(),
             outliers: Vec::new(),
+            sides: Vec::new(),
             lines: Vec::new(),
         }
     }
@@ -89,12 +92,12 @@ impl Genetic {
 
     fn pass(&mut self, points: &Points, random: &mut Stream) {
         let kept = self.population.lines.len();
-        self.population.detach(points.len());
+        self.population.detach(points);
         let mut lowest = f64::INFINITY;
         for _ in 0..self.rules.iterations {
             self.draw(points, kept, random);
             self.population.lines.fuse(&mut self.fresh);
-            self.population.attach(points, self.rules.attach_distance_m);
+            self.population.attach(self.rules.attach_distance_m);
             self.select(points);
             if self.rules.lowest_energy {
                 lowest = self.keep_lowest(lowest);
@@ -106,13 +109,12 @@ impl Genetic {
     fn draw(&mut self, points: &Points, kept: usize, random: &mut Stream) {
         let (present, aim) = (self.population.lines.len(), self.rules.lines as usize);
         self.fresh.clear();
+        self.population.outliers(&mut self.outliers);
         if self.rules.draw == Draw::HalfEachSide {
-            let left = split_by_side(&mut self.outliers, points, self.population.outliers());
-            self.fresh.draw_each_side(points, self.outliers.split_at(left), aim.saturating_sub(kept), random);
+            let left = split_by_side(&mut self.sides, points, &self.outliers);
+            self.fresh.draw_each_side(points, self.sides.split_at(left), aim.saturating_sub(kept), random);
         } else {
             let kept = if self.rules.draw == Draw::FillUpLessKept { kept } else { 0 };
-            self.outliers.clear();
-            self.outliers.extend(self.population.outliers());
             self.fresh.draw(points, &self.outliers, aim.saturating_sub(kept + present), random);
         }
         self.fresh.fit();
@@ -134,7 +136,7 @@ impl Genetic {
 
     /// Goes back to the best lines so far if the present ones are worse; returns the lowest energy, eq. 1.
     fn keep_lowest(&mut self, lowest: f64) -> f64 {
-        let outliers = self.population.outliers().count() as f64;
+        let outliers = self.population.count_outliers() as f64;
         let distances_m: f64 = self.population.lines.energies.iter().sum();
         let pairs = self.weights.between_lines(&self.population.owners);
         let energy = self.rules.outlier_penalty * outliers + pairs + distances_m;

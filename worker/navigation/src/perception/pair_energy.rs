@@ -3,46 +3,50 @@
 //! Guyonneau et al. (2022), eqs. 3 and 5. The neighbourhood of a point is all other points, as in the program
 //! behind the tables (Deviation: the paper's is open).
 //!
-//! The weights of all pairs are computed once per scan and kept as whole multiples of 2^-22. Sums of whole
+//! The weights of all pairs are computed once per scan and kept as whole multiples of 2^-16. Sums of whole
 //! numbers are exact in any order, so they may be added up in as many lanes as a machine has.
 
 use super::Points;
-use super::lanes::{SumApart, Weights, whole};
+use super::lanes::{SumApart, Weights, to_whole};
 use super::population::OUTLIER;
 
 /// Weight of a pair, lambda of eq. 3 \[m\].
 const PAIR_WEIGHT: f64 = 4.0;
 /// The square of zeta, 3 m, of eq. 5 \[m^2\].
-const PAIR_RANGE_M2: f64 = 9.0;
+const PAIR_RANGE_M2: f32 = 9.0;
 /// One in units of a weight.
-const ONE: f64 = (1_u32 << 22) as f64;
-/// So many weights of one add up in 32 bits.
-const BLOCK: usize = 1 << 10;
+const ONE: f32 = 65536.0;
+/// So many weights of one add up to less than 2^32.
+const BLOCK: usize = 1 << 15;
 
 /// The weights exp(-distance^2 / 9 m^2) of all pairs of points of a scan.
 #[derive(Debug, Clone, Default)]
 pub(super) struct PairWeights {
-    /// Row by row the pairs (i, j) with j < i, in units of 2^-22.
+    /// Row by row the pairs (i, j) with j < i, in units of 2^-16.
     weights: Vec<u32>,
-    /// Scratch: one row.
-    row: Vec<f64>,
+    /// Scratch: the points' coordinates \[m\], and one row.
+    x_m: Vec<f32>,
+    y_m: Vec<f32>,
+    row: Vec<f32>,
 }
 
 impl PairWeights {
     pub(super) fn compute(&mut self, points: &Points) {
+        points.in_single_precision(&mut self.x_m, &mut self.y_m);
         self.weights.clear();
         self.row.resize(points.len(), 0.0);
-        for (i, (x_m, y_m)) in points.iter().enumerate() {
-            let (others, weights) = ([&points.x_m[..i], &points.y_m[..i]], &mut self.row[..i]);
+        for i in 0..points.len() {
+            let (x_m, y_m, others) = (self.x_m[i], self.y_m[i], [&self.x_m[..i], &self.y_m[..i]]);
+            let weights = &mut self.row[..i];
             Weights { x_m, y_m, others, scale: -1.0 / PAIR_RANGE_M2, one: ONE, weights }.compute();
-            self.weights.extend(self.row[..i].iter().map(|weight| whole(*weight)));
+            self.weights.extend(self.row[..i].iter().map(|weight| to_whole(*weight)));
         }
     }
 
     /// Energy of the pairs of points that belong to two different lines, by each point's line.
     pub(super) fn between_lines(&self, owners: &[u32]) -> f64 {
         let sum = SumApart { weights: &self.weights, owners, none: OUTLIER, block: BLOCK }.sum();
-        PAIR_WEIGHT * sum as f64 / ONE
+        PAIR_WEIGHT * sum as f64 / f64::from(ONE)
     }
 
     /// Likewise where a point may belong to several lines: bit k of its mask stands for line k.
@@ -58,7 +62,7 @@ impl PairWeights {
                 sum += u64::from(*weight) * (lines(*mask) * lines(*other) - lines(mask & other));
             }
         }
-        PAIR_WEIGHT * (sum as f64 / ONE + pairs_with_itself as f64)
+        PAIR_WEIGHT * (sum as f64 / f64::from(ONE) + pairs_with_itself as f64)
     }
 
     /// For each point its pairs with those before it.
@@ -77,17 +81,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_weight_is_the_exponential_to_its_last_unit() {
+    fn a_weight_is_the_exponential_to_a_unit() {
         let mut points = Points::default();
         points.push(0.0, 0.0);
         (0..20_000).for_each(|i| points.push(0.0, 1e-3 * f64::from(i)));
         points.push(1e6, 1e200);
-        let mut weights = vec![0.0; points.len()];
-        let others = [points.x_m.as_slice(), points.y_m.as_slice()];
+        let (mut x_m, mut y_m, mut weights) = (Vec::new(), Vec::new(), vec![0.0; points.len()]);
+        points.in_single_precision(&mut x_m, &mut y_m);
+        let others = [x_m.as_slice(), y_m.as_slice()];
         Weights { x_m: 0.0, y_m: 0.0, others, scale: -1.0 / 9.0, one: ONE, weights: &mut weights }.compute();
         for (y, weight) in points.y_m.iter().zip(weights) {
-            let exact = libm::exp(-y * y / 9.0) * ONE;
-            assert!((weight - exact).abs() <= 0.55 && weight == weight.round(), "{y}: {exact}");
+            let (weight, exact) = (f64::from(to_whole(weight)), libm::exp(-y * y / 9.0) * f64::from(ONE));
+            assert!((weight - exact).abs() <= 1.0, "{y}: {exact} {weight}");
         }
     }
 
@@ -115,7 +120,7 @@ mod tests {
                 }
             }
         }
-        assert!((weights.between_lines(&owners) - expected).abs() < 1e-3);
+        assert!((weights.between_lines(&owners) - expected).abs() < 1e-2);
         let masks: Vec<u64> = owners.iter().map(|owner| if *owner == OUTLIER { 0 } else { 1 << owner }).collect();
         assert_eq!(weights.between_overlapping(&masks), weights.between_lines(&owners));
     }
@@ -129,6 +134,6 @@ mod tests {
         weights.compute(&points);
         // Lines {a, b} and {b}: the pairs (a, b) and (b, b).
         let expected = 4.0 * (1.0 + libm::exp(-1.0));
-        assert!((weights.between_overlapping(&[0b01, 0b11]) - expected).abs() < 1e-5);
+        assert!((weights.between_overlapping(&[0b01, 0b11]) - expected).abs() < 1e-4);
     }
 }

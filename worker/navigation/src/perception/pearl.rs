@@ -113,7 +113,7 @@ impl Search {
         if self.variant == Variant::Pearl {
             self.population.lines.clear();
         }
-        self.population.detach(points.len());
+        self.population.detach(points);
         if points.len() < OUTLIERS_PER_LINE {
             return;
         }
@@ -146,8 +146,7 @@ impl Search {
 
     /// Draws a line through every six outliers, three each, which become its points; returns how many.
     fn draw(&mut self, points: &Points, random: &mut Stream) -> usize {
-        self.outliers.clear();
-        self.outliers.extend(self.population.outliers());
+        self.population.outliers(&mut self.outliers);
         let drawn = self.outliers.len() / OUTLIERS_PER_LINE;
         for _ in 0..drawn {
             let three = [(); 3].map(|()| {
@@ -181,7 +180,7 @@ impl Search {
 
     /// Attaches all points anew and removes lines of few points.
     fn attach(&mut self, points: &Points) {
-        self.population.attach(points, self.params.attach_distance_m);
+        self.population.attach(self.params.attach_distance_m);
         self.population.sum_points(points);
         self.remove_tiny(f64::from(self.params.tiny));
     }
@@ -198,7 +197,7 @@ impl Search {
 
     /// Outliers and distances, eqs. 2 and 6.
     fn energy_of_points(&self) -> f64 {
-        let outliers = self.population.outliers().count() as f64;
+        let outliers = self.population.count_outliers() as f64;
         self.params.outlier_penalty * outliers + self.population.attached_energy_m()
     }
 

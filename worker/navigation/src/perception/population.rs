@@ -2,7 +2,7 @@
 
 use super::Points;
 use super::candidates::{Candidates, GONE};
-use super::lanes::{NearestLines, whole};
+use super::lanes::{NearestLines, from_whole, to_whole};
 use super::line::{LineFit, slant};
 
 /// The owner of a point that belongs to no line.
@@ -15,10 +15,13 @@ pub(super) struct Population {
     /// Line of each point, or [`OUTLIER`].
     pub(super) owners: Vec<u32>,
     /// Distance of each point to its line when it was attached \[m\]; what it may be at most for an outlier.
-    nearest_m: Vec<f64>,
+    nearest_m: Vec<f32>,
+    /// Coordinates of the points in single precision \[m\].
+    x_m: Vec<f32>,
+    y_m: Vec<f32>,
     /// Scratch: slope, 1 and intercept of each line, divided by its slant, and its index; sums per line, then of the outliers.
-    normals: Vec<[f64; 4]>,
-    numbers: Vec<f64>,
+    normals: Vec<[f32; 4]>,
+    numbers: Vec<f32>,
     sums: Vec<[f64; 5]>,
 }
 
@@ -30,33 +33,46 @@ impl Population {
         self.nearest_m.clone_from(&other.nearest_m);
     }
 
-    /// Forgets the points of the last scan and keeps the lines; `n` points are outliers now.
-    pub(super) fn detach(&mut self, n: usize) {
+    /// Forgets the points of the last scan and keeps the lines; all of `points` are outliers now.
+    pub(super) fn detach(&mut self, points: &Points) {
         self.lines.detach();
         self.owners.clear();
-        self.owners.resize(n, OUTLIER);
+        self.owners.resize(points.len(), OUTLIER);
+        points.in_single_precision(&mut self.x_m, &mut self.y_m);
     }
 
-    /// The points that belong to no line, in order.
-    pub(super) fn outliers(&self) -> impl Iterator<Item = u32> + Clone + '_ {
-        (0..).zip(&self.owners).filter(|(_, owner)| **owner == OUTLIER).map(|(i, _)| i)
+    /// Collects the points that belong to no line, in order.
+    pub(super) fn outliers(&self, outliers: &mut Vec<u32>) {
+        // Without a branch: which points these are is hard to predict.
+        outliers.resize(self.owners.len(), 0);
+        let mut n = 0;
+        for (i, owner) in (0..).zip(&self.owners) {
+            outliers[n] = i;
+            n += usize::from(*owner == OUTLIER);
+        }
+        outliers.truncate(n);
+    }
+
+    /// How many points belong to no line.
+    pub(super) fn count_outliers(&self) -> usize {
+        self.owners.iter().map(|owner| usize::from(*owner == OUTLIER)).sum()
     }
 
     /// Gives each point to its nearest line if that is closer than `distance_m`; the first line wins ties.
-    pub(super) fn attach(&mut self, points: &Points, distance_m: f64) {
+    pub(super) fn attach(&mut self, distance_m: f64) {
         self.normals.clear();
         self.normals.extend((0..).zip(self.lines.iter()).map(|(i, line)| {
             let scale = 1.0 / line.slant();
-            [line.slope * scale, scale, line.intercept_m * scale, f64::from(i)]
+            [(line.slope * scale) as f32, scale as f32, (line.intercept_m * scale) as f32, from_whole(i)]
         }));
         self.nearest_m.clear();
-        self.nearest_m.resize(points.len(), distance_m);
+        self.nearest_m.resize(self.x_m.len(), distance_m as f32);
         self.numbers.clear();
-        self.numbers.resize(points.len(), f64::from(OUTLIER));
+        self.numbers.resize(self.x_m.len(), from_whole(OUTLIER));
         let (nearest_m, numbers) = (&mut self.nearest_m, &mut self.numbers);
-        NearestLines { lines: &self.normals, x_m: &points.x_m, y_m: &points.y_m, nearest_m, numbers }.find();
+        NearestLines { lines: &self.normals, x_m: &self.x_m, y_m: &self.y_m, nearest_m, numbers }.find();
         self.owners.clear();
-        self.owners.extend(self.numbers.iter().map(|number| whole(*number)));
+        self.owners.extend(self.numbers.iter().map(|number| to_whole(*number)));
     }
 
     /// Sums up the points of each line, for a fit.
@@ -65,12 +81,10 @@ impl Population {
         self.sums.clear();
         self.sums.resize(n + 1, [0.0; 5]);
         for ((x, y), owner) in points.iter().zip(&self.owners) {
-            let [count, sum_x, sum_y, sum_xx, sum_xy] = &mut self.sums[(*owner as usize).min(n)];
-            *count += 1.0;
-            *sum_x += x;
-            *sum_y += y;
-            *sum_xx += x * x;
-            *sum_xy += x * y;
+            let sums = &mut self.sums[(*owner as usize).min(n)];
+            for (sum, term) in sums.iter_mut().zip([1.0, x, y, x * x, x * y]) {
+                *sum += term;
+            }
         }
         for (fit, sums) in self.lines.fits.iter_mut().zip(&self.sums) {
             *fit = LineFit::from_sums(*sums);
@@ -103,7 +117,7 @@ impl Population {
     /// Sum of the distances of all points to the lines that they were attached to \[m\].
     pub(super) fn attached_energy_m(&self) -> f64 {
         let inliers = self.owners.iter().zip(&self.nearest_m).filter(|(owner, _)| **owner != OUTLIER);
-        inliers.map(|(_, distance_m)| distance_m).sum()
+        inliers.map(|(_, distance_m)| f64::from(*distance_m)).sum()
     }
 }
 
@@ -122,7 +136,7 @@ mod tests {
 
     fn with_lines(points: &Points, lines: &[(f64, f64)]) -> Population {
         let mut population = Population::default();
-        population.detach(points.len());
+        population.detach(points);
         for (slope, intercept) in lines {
             population.lines.push(Line::new(*slope, *intercept), LineFit::default());
         }
@@ -133,16 +147,16 @@ mod tests {
     fn points_go_to_their_nearest_line_and_far_ones_to_none() {
         let points = two_rows();
         let mut population = with_lines(&points, &[(0.0, 0.6), (0.0, 0.45)]);
-        population.attach(&points, 0.2);
+        population.attach(0.2);
         assert_eq!(population.owners[..2], [1, OUTLIER]);
-        assert!((population.attached_energy_m() - 6.0 * 0.05).abs() < 1e-12);
+        assert!((population.attached_energy_m() - 6.0 * 0.05).abs() < 1e-6);
     }
 
     #[test]
     fn sums_and_distances_are_those_of_each_lines_points() {
         let points = two_rows();
         let mut population = with_lines(&points, &[(0.0, 0.45), (0.0, -0.6)]);
-        population.attach(&points, 0.2);
+        population.attach(0.2);
         population.sum_points(&points);
         population.measure(&points);
         assert!(
@@ -158,10 +172,13 @@ mod tests {
     fn points_of_lines_that_are_gone_become_outliers() {
         let points = two_rows();
         let mut population = with_lines(&points, &[(0.0, 0.5), (0.0, -0.5)]);
-        population.attach(&points, 0.2);
+        population.attach(0.2);
         population.lines.retain(|_, i| i == 1);
         population.follow();
         assert_eq!(population.owners[..3], [OUTLIER, 0, OUTLIER]);
-        assert_eq!(population.outliers().count(), 6);
+        let mut outliers = Vec::new();
+        population.outliers(&mut outliers);
+        assert_eq!(outliers, [0, 2, 4, 6, 8, 10]);
+        assert_eq!(population.count_outliers(), 6);
     }
 }

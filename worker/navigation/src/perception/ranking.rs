@@ -1,5 +1,6 @@
 //! Fitness of lines, and their order by it.
 
+use super::lanes::CountParallel;
 use super::line::{LineFit, slope_tolerance};
 
 /// Ranks lines by fitness, the smaller the better: (b^2 + tau E) / (n^power psi).
@@ -20,7 +21,7 @@ pub(super) struct Ranking {
     /// Scratch: of the lines that are not left out.
     slopes: Vec<f64>,
     tolerances: Vec<f64>,
-    parallel: Vec<u64>,
+    parallel: Vec<f64>,
 }
 
 impl Ranking {
@@ -42,32 +43,18 @@ impl Ranking {
             self.order.push((fit.points(), i));
             self.slopes.push(slopes[i as usize]);
         }
-        self.count_parallel();
-        for ((fitness, i), parallel) in self.order.iter_mut().zip(&self.parallel) {
-            let (n, b, energy) = (*fitness, intercepts_m[*i as usize], energies[*i as usize]);
-            let weight = if self.power == 1 { n } else { n * n };
-            *fitness = (b * b + self.weight * energy) / (weight * *parallel as f64);
-        }
-        self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        &self.order
-    }
-
-    /// psi of each line: each pair of the same slope, earlier over later, adds one to both.
-    fn count_parallel(&mut self) {
         self.tolerances.clear();
         self.tolerances.extend(self.slopes.iter().map(|slope| slope_tolerance(*slope)));
         self.parallel.clear();
-        self.parallel.resize(self.slopes.len(), 1);
-        for (i, slope) in self.slopes.iter().enumerate() {
-            let later = self.slopes[i + 1..].iter().zip(&self.tolerances[i + 1..]);
-            let mut same_as_this = 0;
-            for ((other, tolerance), parallel) in later.zip(&mut self.parallel[i + 1..]) {
-                let same = u64::from((slope - other).abs() <= *tolerance);
-                *parallel += same;
-                same_as_this += same;
-            }
-            self.parallel[i] += same_as_this;
+        self.parallel.resize(self.slopes.len(), 1.0);
+        CountParallel { slopes: &self.slopes, tolerances: &self.tolerances, counts: &mut self.parallel }.count();
+        for ((fitness, i), parallel) in self.order.iter_mut().zip(&self.parallel) {
+            let (n, b, energy) = (*fitness, intercepts_m[*i as usize], energies[*i as usize]);
+            let weight = if self.power == 1 { n } else { n * n };
+            *fitness = (b * b + self.weight * energy) / (weight * parallel);
         }
+        self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        &self.order
     }
 }
 

@@ -48,7 +48,8 @@ pub struct Rgoppni {
     ranking: Ranking,
     fresh: Fresh,
     weights: PairWeights,
-    /// All points, those to the left first.
+    /// All points in order, and those to the left first.
+    all: Vec<u32>,
     by_side: Vec<u32>,
     /// How many of them are on the left.
     left: usize,
@@ -71,6 +72,7 @@ impl Rgoppni {
             best: Candidates::default(),
             fresh: Fresh::default(),
             weights: PairWeights::default(),
+            all: Vec::new(),
             by_side: Vec::new(),
             left: 0,
             bands: Vec::new(),
@@ -141,7 +143,9 @@ impl Rgoppni {
 impl LineFinder for Rgoppni {
     fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
         self.points.read_scan_fused(scan, self.params.fuse_distance_m);
-        self.left = split_by_side(&mut self.by_side, &self.points, 0..self.points.len() as u32);
+        self.all.clear();
+        self.all.extend(0..self.points.len() as u32);
+        self.left = split_by_side(&mut self.by_side, &self.points, &self.all);
         if self.params.selection == Selection::AsPrinted {
             self.weights.compute(&self.points);
         }

@@ -1,30 +1,42 @@
 //! Fresh lines through three random points each.
 
 use super::Points;
-use super::lanes::Sieve;
-use super::line::{Line, intercept_tolerance_m, slope_tolerance};
+use super::lanes::{FitTriples, GROUP, SameLines};
+use super::line::Line;
 use crate::random::Stream;
 
 /// At most so many fresh lines at a time.
 const MOST_FRESH: usize = 64;
-/// Lines are looked at in groups of this many; there is room for a whole group behind the last one.
-const GROUP: usize = 8;
-const ROOM: usize = MOST_FRESH + GROUP;
+/// Whole groups, so that there is no odd one.
+const ROOM: usize = MOST_FRESH.next_multiple_of(GROUP);
+/// 0, 1, 2, ..
+const PLACES: [f32; ROOM] = {
+    let mut places = [0.0; ROOM];
+    let mut i = 0;
+    while i < ROOM {
+        places[i] = i as f32;
+        i += 1;
+    }
+    places
+};
 
 /// Lines fitted to three random points each, which have no points of their own yet.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Fresh {
     n: usize,
+    /// Random words, three a line.
+    words: [u32; 3 * MOST_FRESH],
     /// Coordinates of the first, second and third point of each line \[m\].
     x_m: [[f64; ROOM]; 3],
     y_m: [[f64; ROOM]; 3],
     slopes: [f64; ROOM],
     intercepts_m: [f64; ROOM],
-    /// How far another line may be to be the same.
-    slope_tolerances: [f64; ROOM],
-    intercept_tolerances_m: [f64; ROOM],
+    /// Slope, how far another one may be to be the same, intercept \[m\] and likewise.
+    compared: [[f32; ROOM]; 4],
     /// 1 while the line is new, 0 once it is the same as another one, or none at all.
-    new: [f64; ROOM],
+    new: [f32; ROOM],
+    /// Slopes and intercepts \[m\] of lines that stand before all of these.
+    before: Vec<[f32; 2]>,
 }
 
 impl Default for Fresh {
@@ -32,13 +44,14 @@ impl Default for Fresh {
         const ZEROS: [f64; ROOM] = [0.0; ROOM];
         Self {
             n: 0,
+            words: [0; 3 * MOST_FRESH],
             x_m: [ZEROS; 3],
             y_m: [ZEROS; 3],
             slopes: ZEROS,
             intercepts_m: ZEROS,
-            slope_tolerances: ZEROS,
-            intercept_tolerances_m: ZEROS,
-            new: ZEROS,
+            compared: [[0.0; ROOM]; 4],
+            new: [0.0; ROOM],
+            before: Vec::new(),
         }
     }
 }
@@ -53,15 +66,17 @@ impl Fresh {
         if among.len() < 3 {
             return;
         }
-        let end = (self.n + lines).min(MOST_FRESH);
-        for line in self.n..end {
-            for (corner, pick) in three_distinct(among.len() as u32, random).into_iter().enumerate() {
+        let lines = lines.min(MOST_FRESH - self.n);
+        let words = &mut self.words[..3 * lines];
+        random.words(words);
+        for (line, words) in (self.n..).zip(words.as_chunks().0) {
+            for (corner, pick) in three_distinct(among.len() as u32, *words).into_iter().enumerate() {
                 let point = among[pick as usize] as usize;
                 self.x_m[corner][line] = points.x_m[point];
                 self.y_m[corner][line] = points.y_m[point];
             }
         }
-        self.n = end;
+        self.n += lines;
     }
 
     /// Draws half of `lines` through points on the left, the rest through points on the right; a side with fewer
@@ -79,67 +94,65 @@ impl Fresh {
 
     /// Fits each line to its points by least squares of y on x; points one above the other give none.
     pub(super) fn fit(&mut self) {
-        let [x0, x1, x2] = &self.x_m;
-        let [y0, y1, y2] = &self.y_m;
-        for i in 0..self.n.next_multiple_of(GROUP) {
-            let x = x0[i] + x1[i] + x2[i];
-            let y = y0[i] + y1[i] + y2[i];
-            let xx = x0[i] * x0[i] + x1[i] * x1[i] + x2[i] * x2[i];
-            let xy = x0[i] * y0[i] + x1[i] * y1[i] + x2[i] * y2[i];
-            let spread = 3.0 * xx - x * x;
-            let slope = (3.0 * xy - x * y) / spread;
-            let intercept_m = (y - slope * x) / 3.0;
-            self.slopes[i] = slope;
-            self.intercepts_m[i] = intercept_m;
-            self.slope_tolerances[i] = slope_tolerance(slope);
-            self.intercept_tolerances_m[i] = intercept_tolerance_m(intercept_m);
-            self.new[i] = if spread > 9e-12 { 1.0 } else { 0.0 };
+        let n = self.n;
+        FitTriples {
+            x_m: self.x_m.each_ref().map(|all| &all[..n]),
+            y_m: self.y_m.each_ref().map(|all| &all[..n]),
+            slopes: &mut self.slopes[..n],
+            intercepts_m: &mut self.intercepts_m[..n],
+            compared: self.compared.each_mut().map(|all| &mut all[..n]),
+            new: &mut self.new[..n],
         }
+        .fit();
     }
 
-    /// Lets go of the lines that are the same as `first`.
-    pub(super) fn sieve(&mut self, first: Line) {
-        self.sieve_from(0, first);
+    /// Gives way to `line`: those that are the same are let go of by [`fuse`](Self::fuse).
+    pub(super) fn stand_behind(&mut self, line: Line) {
+        self.before.push([line.slope as f32, line.intercept_m as f32]);
     }
 
-    fn sieve_from(&mut self, start: usize, first: Line) {
-        let group = start..start + self.n.saturating_sub(start).next_multiple_of(GROUP);
-        let lines = [&self.slopes, &self.slope_tolerances, &self.intercepts_m, &self.intercept_tolerances_m]
-            .map(|all| &all[group.clone()]);
-        Sieve { slope: first.slope, intercept_m: first.intercept_m, lines, new: &mut self.new[group] }.run();
-    }
-
-    /// Lets go of the lines that are the same as an earlier one.
+    /// Lets go of the lines that are the same as one before them.
     pub(super) fn fuse(&mut self) {
-        for i in 0..self.n {
-            if self.new[i] > 0.0 {
-                self.sieve_from(i + 1, Line::new(self.slopes[i], self.intercepts_m[i]));
-            }
-        }
+        let lines = self.compared.each_ref().map(|all| all.as_slice());
+        SameLines { lines, places: &PLACES, n: self.n, before: &self.before, new: &mut self.new }.find();
+        self.before.clear();
     }
 
-    /// The lines that are still new.
-    pub(super) fn remaining(&self) -> impl Iterator<Item = Line> + '_ {
-        (0..self.n).filter(|i| self.new[*i] > 0.0).map(|i| Line::new(self.slopes[i], self.intercepts_m[i]))
+    /// Slopes and intercepts \[m\] of the lines that are still new; after this there are no others.
+    pub(super) fn remaining(&mut self) -> (&[f64], &[f64]) {
+        // Without a branch: which lines these are is hard to predict.
+        let mut n = 0;
+        for i in 0..self.n {
+            self.slopes[n] = self.slopes[i];
+            self.intercepts_m[n] = self.intercepts_m[i];
+            n += usize::from(self.new[i] > 0.0);
+        }
+        self.n = 0;
+        (&self.slopes[..n], &self.intercepts_m[..n])
     }
 }
 
 /// Puts those of `among` with y >= 0 into `sides`, then those with y < 0; returns how many there are of the first.
-pub(super) fn split_by_side(sides: &mut Vec<u32>, points: &Points, among: impl Iterator<Item = u32> + Clone) -> usize {
-    let is_left = |point: &u32| points.y_m[*point as usize] >= 0.0;
-    sides.clear();
-    sides.extend(among.clone().filter(is_left));
-    let left = sides.len();
-    sides.extend(among.filter(|point| !is_left(point)));
+pub(super) fn split_by_side(sides: &mut Vec<u32>, points: &Points, among: &[u32]) -> usize {
+    sides.resize(among.len(), 0);
+    let mut left = 0;
+    for (i, point) in among.iter().enumerate() {
+        let is_left = points.y_m[*point as usize] >= 0.0;
+        // The points to the right are put down from the end.
+        sides[if is_left { left } else { among.len() - 1 - (i - left) }] = *point;
+        left += usize::from(is_left);
+    }
+    sides[left..].reverse();
     left
 }
 
-/// Three distinct numbers in 0..`n`; `n` is at least 3.
-pub(super) fn three_distinct(n: u32, random: &mut Stream) -> [u32; 3] {
-    let first = random.below(n);
-    let second = random.below(n - 1);
+/// Three distinct numbers in 0..`n` from as many random words; `n` is at least 3.
+fn three_distinct(n: u32, words: [u32; 3]) -> [u32; 3] {
+    let below = |n: u32, word: u32| ((u64::from(word) * u64::from(n)) >> 32) as u32;
+    let first = below(n, words[0]);
+    let second = below(n - 1, words[1]);
     let second = second + u32::from(second >= first);
-    let third = random.below(n - 2);
+    let third = below(n - 2, words[2]);
     let third = third + u32::from(third >= first.min(second));
     let third = third + u32::from(third >= first.max(second));
     [first, second, third]
@@ -155,7 +168,9 @@ mod tests {
         let mut random = Stream::new(1, "line-finder");
         let mut seen = std::collections::BTreeMap::new();
         for _ in 0..60_000 {
-            let triple = three_distinct(5, &mut random);
+            let mut words = [0; 3];
+            random.words(&mut words);
+            let triple = three_distinct(5, words);
             assert!(triple[0] != triple[1] && triple[0] != triple[2] && triple[1] != triple[2]);
             assert!(triple.iter().all(|i| *i < 5));
             *seen.entry(triple).or_insert(0) += 1;
@@ -174,15 +189,31 @@ mod tests {
         fresh.draw(&points, &[0, 1, 2], 5, &mut Stream::new(1, "line-finder"));
         fresh.fit();
         fresh.fuse();
-        let lines: Vec<Line> = fresh.remaining().collect();
+        let (slopes, intercepts_m) = fresh.remaining();
         let mut fit = LineFit::default();
         points.iter().for_each(|(x, y)| fit.add(x, y));
         let expected = fit.line().unwrap();
-        assert_eq!(lines.len(), 1);
-        assert!((lines[0].slope - expected.slope).abs() < 1e-14);
-        assert!((lines[0].intercept_m - expected.intercept_m).abs() < 1e-14);
-        fresh.sieve(Line::new(expected.slope + 0.05, expected.intercept_m - 0.1));
-        assert_eq!(fresh.remaining().count(), 0);
+        assert_eq!((slopes.len(), intercepts_m.len()), (1, 1));
+        assert!((slopes[0] - expected.slope).abs() < 1e-14);
+        assert!((intercepts_m[0] - expected.intercept_m).abs() < 1e-14);
+    }
+
+    #[test]
+    fn fresh_lines_give_way_to_those_before_them() {
+        let mut points = Points::default();
+        (0..12).for_each(|i| points.push(0.3 * f64::from(i), 0.5));
+        let among: Vec<u32> = (0..12).collect();
+        let remaining = |before: Option<Line>| {
+            let mut fresh = Fresh::default();
+            fresh.draw(&points, &among, 20, &mut Stream::new(1, "line-finder"));
+            fresh.fit();
+            before.into_iter().for_each(|line| fresh.stand_behind(line));
+            fresh.fuse();
+            fresh.remaining().0.len()
+        };
+        assert_eq!(remaining(None), 1);
+        assert_eq!(remaining(Some(Line::new(0.05, 0.4))), 0);
+        assert_eq!(remaining(Some(Line::new(0.05, 0.1))), 1);
     }
 
     #[test]
@@ -195,6 +226,7 @@ mod tests {
         fresh.draw(&points, &[0, 1], 5, &mut Stream::new(1, "line-finder"));
         fresh.draw(&points, &[0, 1, 2], 5, &mut Stream::new(1, "line-finder"));
         fresh.fit();
-        assert_eq!((fresh.n, fresh.remaining().count()), (5, 0));
+        assert_eq!(fresh.n, 5);
+        assert!(fresh.remaining().0.is_empty());
     }
 }

@@ -84,6 +84,14 @@ impl Points {
         self.x_m.iter().copied().zip(self.y_m.iter().copied())
     }
 
+    /// Writes the coordinates in single precision, good to 0.2 um at 4 m.
+    pub(super) fn in_single_precision(&self, x_m: &mut Vec<f32>, y_m: &mut Vec<f32>) {
+        x_m.clear();
+        x_m.extend(self.x_m.iter().map(|x| *x as f32));
+        y_m.clear();
+        y_m.extend(self.y_m.iter().map(|y| *y as f32));
+    }
+
     /// Replaces the points by the scan's returns (the set Z), in the order of the beams.
     pub fn read_scan(&mut self, scan: &Scan<'_>) {
         self.clear();
