@@ -35,10 +35,7 @@ impl Stream {
         low + (high - low) * self.uniform()
     }
 
-    /// Uniform in 0..`n`, by the high half of a product; the bias is below n / 2^32.
-    ///
-    /// # Panics
-    /// Never, but `n` must not be 0: the answer is then 0, which indexes nothing.
+    /// Uniform in 0..`n`, by the high half of a product; the bias is below n / 2^32. For `n` = 0 it is 0, too.
     pub fn below(&mut self, n: u32) -> u32 {
         ((u64::from(self.0.next_u32()) * u64::from(n)) >> 32) as u32
     }

@@ -24,6 +24,8 @@ pub(super) struct Candidates {
     moved: Vec<u32>,
     /// Scratch of [`Candidates::fuse`]: where each line stood before.
     names: Vec<u32>,
+    /// Lines as they were once they had been compared with all later ones.
+    settled: Vec<Line>,
     /// Scratch of [`Candidates::keep_fittest`].
     kept: Vec<(Line, LineFit, f64)>,
 }
@@ -78,19 +80,23 @@ impl Candidates {
         }
     }
 
-    /// Merges same lines, the one with fewer points into the other, ties into the earlier one. Fresh lines have
-    /// no points, so they give way; those that are new are taken over, after the others.
-    pub(super) fn fuse(&mut self, fresh: &mut Fresh) {
+    /// Merges same lines: the one with fewer points into the other, ties into the earlier one.
+    pub(super) fn fuse(&mut self) {
         self.names.clear();
         self.names.extend(0..self.len() as u32);
         self.moved.clone_from(&self.names);
+        self.settled.clear();
         let mut i = 0;
         while i < self.len() {
-            i = self.fuse_from(i, fresh);
+            i = self.fuse_from(i);
         }
         self.follow_names();
-        fresh.fuse();
-        let (slopes, intercepts_m) = fresh.remaining();
+    }
+
+    /// Merges same lines and takes over the fresh ones that are new: these have no points, so they give way.
+    pub(super) fn fuse_with(&mut self, fresh: &mut Fresh) {
+        self.fuse();
+        let (slopes, intercepts_m) = fresh.distinct_from(&self.settled);
         self.slopes.extend_from_slice(slopes);
         self.intercepts_m.extend_from_slice(intercepts_m);
         self.fits.resize(self.slopes.len(), LineFit::default());
@@ -101,7 +107,7 @@ impl Candidates {
     ///
     /// When line `i` loses to a later one, the line before it is compared with the rest, one after the winner left
     /// out, as in the program behind the tables.
-    fn fuse_from(&mut self, mut i: usize, fresh: &mut Fresh) -> usize {
+    fn fuse_from(&mut self, mut i: usize) -> usize {
         let mut j = i + 1;
         while j < self.len() {
             if !same_line(self.line(i), self.line(j)) {
@@ -117,7 +123,7 @@ impl Candidates {
                 j += 1;
             }
         }
-        fresh.stand_behind(self.line(i));
+        self.settled.push(self.line(i));
         i + 1
     }
 
@@ -221,7 +227,7 @@ mod tests {
     #[test]
     fn same_lines_fuse_and_others_stay() {
         let mut candidates = lines(&[(0.0, 0.5, 0), (0.05, 0.6, 0), (0.0, -0.5, 0), (0.02, 0.4, 0)]);
-        candidates.fuse(&mut Fresh::default());
+        candidates.fuse();
         assert_eq!(intercepts(&candidates), [0.5, -0.5]);
         assert_eq!(candidates.moved(), [0, 0, 1, 0]);
     }
@@ -229,7 +235,7 @@ mod tests {
     #[test]
     fn the_line_with_more_points_wins_and_is_refitted_to_all() {
         let mut candidates = lines(&[(0.0, -3.0, 4), (0.0, 0.6, 2), (0.0, 0.5, 6)]);
-        candidates.fuse(&mut Fresh::default());
+        candidates.fuse();
         assert_eq!(candidates.moved(), [0, 1, 1]);
         assert_eq!(candidates.fits[1].points(), 8.0);
         assert!(candidates.intercepts_m[1] > 0.5 && candidates.intercepts_m[1] < 0.6);
@@ -238,7 +244,7 @@ mod tests {
     #[test]
     fn a_line_merged_into_one_that_is_merged_later_is_followed() {
         let mut candidates = lines(&[(0.0, 0.5, 3), (0.0, 0.52, 2), (0.0, 0.6, 9)]);
-        candidates.fuse(&mut Fresh::default());
+        candidates.fuse();
         assert_eq!((candidates.moved(), candidates.len()), (&[0, 0, 0][..], 1));
     }
 

@@ -1,6 +1,9 @@
 //! What every line finder must do, in one call.
 
+use serde_json::json;
+
 use super::{Beams, Line, LineFinderSpec, Scan};
+use crate::parameters::{Kinds, Parameter};
 use crate::random::Stream;
 use proptest::prelude::*;
 
@@ -16,6 +19,28 @@ pub(super) fn check_but_for_success(spec: &LineFinderSpec) {
     the_same_seed_gives_the_same_lines(spec);
     a_mirrored_scan_gives_mirrored_lines_in_distribution(spec);
     any_scan_gives_finite_lines(spec);
+}
+
+/// Panics if the largest and smallest parameters break a finder of this kind.
+pub(super) fn check_extremes(kind: &str) {
+    let table = LineFinderSpec::table(kind).expect("a finder's kind");
+    for end in [0, 1] {
+        let keys = ["lines", "keep", "tiny", "attach_distance_m", "bad_distance_m", "fuse_distance_m"];
+        let ranges = table.iter().filter(|parameter| keys.contains(&parameter.name));
+        let value = |parameter: &Parameter| {
+            let value = parameter.range.expect("these have a range")[end];
+            if parameter.unit == "1" { json!(value as u64) } else { json!(value) }
+        };
+        let mut parameters: serde_json::Map<_, _> =
+            ranges.map(|parameter| (parameter.name.to_owned(), value(parameter))).collect();
+        for selection in ["as-run", "as-printed"] {
+            parameters.insert("selection".to_owned(), json!(selection));
+            let spec = LineFinderSpec::read_kind(kind, parameters.clone()).expect("the ends of a range are allowed");
+            for n in [2, 360, 2000] {
+                find(&spec, &[vec![1.0; n], (0..n).map(|i| 1.0 + 3.0 * i as f64 / n as f64).collect()], 1);
+            }
+        }
+    }
 }
 
 fn find(spec: &LineFinderSpec, scans: &[Vec<f64>], seed: u64) -> Vec<Line> {
@@ -96,7 +121,9 @@ fn any_scan_gives_finite_lines(spec: &LineFinderSpec) {
         Just(0.3),
         0.1..4.0_f64,
         Just(1e-300),
-        Just(1e6)
+        Just(1e6),
+        Just(1e200),
+        Just(f64::MAX)
     ];
     let scans = proptest::collection::vec(proptest::collection::vec(range, 60), 1..4);
     proptest!(ProptestConfig::with_cases(100), |(scans in scans, seed in any::<u64>())| {

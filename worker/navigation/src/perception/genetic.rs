@@ -7,12 +7,14 @@ use super::pair_energy::PairWeights;
 use super::population::Population;
 use super::ranking::Ranking;
 use super::sampling::{Fresh, split_by_side};
-use super::{Line, Points};
+use super::{Found, Line, LineFinder, Points, Scan};
 use crate::random::Stream;
 
 /// What the finders do differently, and their parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Rules {
+    /// Neighbouring returns closer than this become one point \[m\]; none where each return is a point.
+    pub(super) fuse_distance_m: Option<f64>,
     pub(super) iterations: u32,
     /// How many lines are drawn, from which points.
     pub(super) draw: Draw,
@@ -47,9 +49,34 @@ pub(super) enum Draw {
     HalfEachSide,
 }
 
+/// A line finder that searches by these rules.
+#[derive(Debug)]
+pub(super) struct GeneticFinder {
+    points: Points,
+    search: Genetic,
+}
+
+impl GeneticFinder {
+    /// A finder that has seen no scan yet.
+    pub(super) fn new(rules: Rules) -> Self {
+        Self { points: Points::default(), search: Genetic::new(rules) }
+    }
+}
+
+impl LineFinder for GeneticFinder {
+    fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
+        match self.search.rules.fuse_distance_m {
+            Some(distance_m) => self.points.read_scan_fused(scan, distance_m),
+            None => self.points.read_scan(scan),
+        }
+        let lines = self.search.find(&self.points, random);
+        Found { points: &self.points, lines }
+    }
+}
+
 /// The search and its memory.
 #[derive(Debug)]
-pub(super) struct Genetic {
+struct Genetic {
     rules: Rules,
     ranking: Ranking,
     population: Population,
@@ -63,7 +90,7 @@ pub(super) struct Genetic {
 }
 
 impl Genetic {
-    pub(super) fn new(rules: Rules) -> Self {
+    fn new(rules: Rules) -> Self {
         Self {
             ranking: Ranking::new(rules.fitness_weight, rules.fitness_power, rules.tiny),
             rules,
@@ -77,8 +104,8 @@ impl Genetic {
         }
     }
 
-    /// The lines over the points of a scan, starting from those over the last one; of every pass, best first.
-    pub(super) fn find(&mut self, points: &Points, random: &mut Stream) -> &[Line] {
+    /// The lines over the points of a scan, starting from those over the last one: pass by pass, best first.
+    fn find(&mut self, points: &Points, random: &mut Stream) -> &[Line] {
         if self.rules.lowest_energy {
             self.weights.compute(points);
         }
@@ -96,7 +123,7 @@ impl Genetic {
         let mut lowest = f64::INFINITY;
         for _ in 0..self.rules.iterations {
             self.draw(points, kept, random);
-            self.population.lines.fuse(&mut self.fresh);
+            self.population.lines.fuse_with(&mut self.fresh);
             self.population.attach(self.rules.attach_distance_m);
             self.select(points);
             if self.rules.lowest_energy {
@@ -111,7 +138,7 @@ impl Genetic {
         self.fresh.clear();
         self.population.outliers(&mut self.outliers);
         if self.rules.draw == Draw::HalfEachSide {
-            let left = split_by_side(&mut self.sides, points, &self.outliers);
+            let left = split_by_side(&mut self.sides, points, self.outliers.iter().copied());
             self.fresh.draw_each_side(points, self.sides.split_at(left), aim.saturating_sub(kept), random);
         } else {
             let kept = if self.rules.draw == Draw::FillUpLessKept { kept } else { 0 };
@@ -125,7 +152,7 @@ impl Genetic {
         let population = &mut self.population;
         population.sum_points(points);
         for i in 0..population.lines.len() {
-            if population.lines.fits[i].points() > f64::from(self.rules.tiny) {
+            if population.lines.fits[i].has_more_than(self.rules.tiny) {
                 population.lines.refit(i);
             }
         }

@@ -72,6 +72,14 @@ pub fn same_line(first: Line, second: Line) -> bool {
     same_slope(first.slope, second.slope) && same_intercept(first.intercept_m, second.intercept_m)
 }
 
+/// Whether `spread`, n times the sum of x^2 less the square of the sum of x over `n` points \[m^2\], determines a slope.
+///
+/// Below this the x of the points differ by less than about a micrometre, and rounding decides.
+#[must_use]
+pub(super) fn determines_slope(spread: f64, n: f64) -> bool {
+    spread > 1e-12 * n * n
+}
+
 /// Sums for a least-squares line of y on x.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LineFit {
@@ -93,6 +101,12 @@ impl LineFit {
     #[must_use]
     pub const fn points(&self) -> f64 {
         self.n
+    }
+
+    /// Whether it took in more than `n` points.
+    #[must_use]
+    pub fn has_more_than(&self, n: u32) -> bool {
+        self.n > f64::from(n)
     }
 
     /// Takes in all points of `other`.
@@ -117,8 +131,7 @@ impl LineFit {
     #[must_use]
     pub fn line(&self) -> Option<Line> {
         let spread = self.n * self.xx - self.x * self.x;
-        // Below this the x of the points differ by less than about a micrometre: rounding decides the slope.
-        if self.n < 2.0 || spread <= 1e-12 * self.n * self.n {
+        if self.n < 2.0 || !determines_slope(spread, self.n) {
             return None;
         }
         let slope = (self.n * self.xy - self.x * self.y) / spread;

@@ -33,7 +33,7 @@ use crate::random::Stream;
 pub struct Found<'a> {
     /// The points it worked on: all returns (Z) or one per run of returns (Z*).
     pub points: &'a Points,
-    /// The lines, best first, from every pass over the scan.
+    /// The lines, pass by pass over the scan; best first where the finder ranks them.
     pub lines: &'a [Line],
 }
 
@@ -66,11 +66,11 @@ impl LineFinderSpec {
     #[must_use]
     pub fn build(&self) -> Box<dyn LineFinder> {
         match self {
-            Self::Pearl(params) => Box::new(pearl::Pearl::new(params.clone())),
-            Self::Ruby(params) => Box::new(ruby::Ruby::new(params.clone())),
-            Self::Rg(params) => Box::new(rg::Rg::new(params.clone())),
-            Self::Rgop(params) => Box::new(rgop::Rgop::new(params.clone())),
-            Self::Rgoppn(params) => Box::new(rgoppn::Rgoppn::new(params.clone())),
+            Self::Pearl(params) => Box::new(pearl::PearlFinder::new(params.into())),
+            Self::Ruby(params) => Box::new(pearl::PearlFinder::new(params.into())),
+            Self::Rg(params) => Box::new(genetic::GeneticFinder::new(params.into())),
+            Self::Rgop(params) => Box::new(genetic::GeneticFinder::new(params.into())),
+            Self::Rgoppn(params) => Box::new(genetic::GeneticFinder::new(params.into())),
             Self::Rgoppni(params) => Box::new(rgoppni::Rgoppni::new(params.clone())),
         }
     }

@@ -16,6 +16,7 @@ impl Band {
         Self { line, half_height_m: distance_m * line.slant() }
     }
 
+    /// Whether the point is in the band.
     pub(super) fn holds(&self, x: f64, y: f64) -> bool {
         (y - (self.line.slope * x + self.line.intercept_m)).abs() < self.half_height_m
     }

@@ -7,18 +7,10 @@
 //! numbers are exact in any order, so they may be added up in as many lanes as a machine has.
 
 use super::Points;
-use super::lanes::{SumApart, Weights, to_whole};
-use super::population::OUTLIER;
+use super::lanes::{ONE, SumApart, Weights, to_whole};
 
 /// Weight of a pair, lambda of eq. 3 \[m\].
 const PAIR_WEIGHT: f64 = 4.0;
-/// The square of zeta, 3 m, of eq. 5 \[m^2\].
-const PAIR_RANGE_M2: f32 = 9.0;
-/// One in units of a weight.
-const ONE: f32 = 65536.0;
-/// So many weights of one add up to less than 2^32.
-const BLOCK: usize = 1 << 15;
-
 /// The weights exp(-distance^2 / 9 m^2) of all pairs of points of a scan.
 #[derive(Debug, Clone, Default)]
 pub(super) struct PairWeights {
@@ -34,18 +26,19 @@ impl PairWeights {
     pub(super) fn compute(&mut self, points: &Points) {
         points.in_single_precision(&mut self.x_m, &mut self.y_m);
         self.weights.clear();
+        self.weights.reserve(points.len() * points.len().saturating_sub(1) / 2);
         self.row.resize(points.len(), 0.0);
         for i in 0..points.len() {
             let (x_m, y_m, others) = (self.x_m[i], self.y_m[i], [&self.x_m[..i], &self.y_m[..i]]);
             let weights = &mut self.row[..i];
-            Weights { x_m, y_m, others, scale: -1.0 / PAIR_RANGE_M2, one: ONE, weights }.compute();
+            Weights { x_m, y_m, others, weights }.compute();
             self.weights.extend(self.row[..i].iter().map(|weight| to_whole(*weight)));
         }
     }
 
     /// Energy of the pairs of points that belong to two different lines, by each point's line.
     pub(super) fn between_lines(&self, owners: &[u32]) -> f64 {
-        let sum = SumApart { weights: &self.weights, owners, none: OUTLIER, block: BLOCK }.sum();
+        let sum = SumApart { weights: &self.weights, owners }.sum();
         PAIR_WEIGHT * sum as f64 / f64::from(ONE)
     }
 
@@ -79,6 +72,7 @@ impl PairWeights {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::perception::population::OUTLIER;
 
     #[test]
     fn a_weight_is_the_exponential_to_a_unit() {
@@ -89,7 +83,7 @@ mod tests {
         let (mut x_m, mut y_m, mut weights) = (Vec::new(), Vec::new(), vec![0.0; points.len()]);
         points.in_single_precision(&mut x_m, &mut y_m);
         let others = [x_m.as_slice(), y_m.as_slice()];
-        Weights { x_m: 0.0, y_m: 0.0, others, scale: -1.0 / 9.0, one: ONE, weights: &mut weights }.compute();
+        Weights { x_m: 0.0, y_m: 0.0, others, weights: &mut weights }.compute();
         for (y, weight) in points.y_m.iter().zip(weights) {
             let (weight, exact) = (f64::from(to_whole(weight)), libm::exp(-y * y / 9.0) * f64::from(ONE));
             assert!((weight - exact).abs() <= 1.0, "{y}: {exact} {weight}");

@@ -4,25 +4,24 @@
 //! program behind the tables. The search is shared with [`ruby`](super::ruby).
 //!
 //! Deviation: algorithm 1 starts from an infinite energy and goes back to the last lines when the energy rises.
-//! The program starts from a first set of lines, and its bound only rises: after a worse set it goes back to the
-//! best lines, but takes the worse energy as the new bound. `selection` chooses.
+//! The program starts from the energy of a first set of lines, and its bound only rises: after a worse set it goes
+//! back to the best lines, but takes the worse energy as the new bound. `selection` chooses.
 
 use super::line::{LineFit, same_slope};
 use super::pair_energy::PairWeights;
 use super::population::Population;
-use super::sampling::Fresh;
 use super::{Found, Line, LineFinder, Points, Scan, Selection};
 use crate::random::Stream;
 
 crate::parameters! {
-    /// Parameters of [`Pearl`].
+    /// Parameters of the line finder `pearl`.
     pub struct PearlParams {
         /// Iterations per pass. Program: 10.
         pub iterations: u32 = 10, "1", [1, 1000];
-        /// A line whose points are farther from it than this on average is removed, alpha of eq. 7. Program: 0.7.
+        /// A line is removed if the mean distance of its points reaches this, alpha of eq. 7. Program: 0.7.
         pub bad_distance_m: f64 = 0.7, "m", [0.001, 10.0];
         /// A line of this many points or fewer is removed. Program: 3.
-        pub tiny: u32 = 3, "1", [0, 100];
+        pub tiny: u32 = 3, "1", [1, 100];
         /// A point belongs to its nearest line if closer than this. Program: 0.2.
         pub attach_distance_m: f64 = 0.2, "m", [0.001, 10.0];
         /// Energy of a point without a line, rho of eq. 2. Program: 3.
@@ -34,27 +33,17 @@ crate::parameters! {
     }
 }
 
-/// The line finder.
-#[derive(Debug)]
-pub struct Pearl {
-    points: Points,
-    search: Search,
-}
-
-impl Pearl {
-    /// A finder that has seen no scan yet.
-    #[must_use]
-    pub fn new(params: PearlParams) -> Self {
-        Self { points: Points::default(), search: Search::new(params, Variant::Pearl) }
+impl From<&PearlParams> for Rules {
+    fn from(params: &PearlParams) -> Self {
+        Self { variant: Variant::Pearl, params: params.clone() }
     }
 }
 
-impl LineFinder for Pearl {
-    fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
-        self.points.read_scan(scan);
-        let lines = self.search.find(&self.points, random);
-        Found { points: &self.points, lines }
-    }
+/// What the two finders do differently, and the parameters of both.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Rules {
+    pub(super) variant: Variant,
+    pub(super) params: PearlParams,
 }
 
 /// What the two finders do differently.
@@ -69,21 +58,42 @@ pub(super) enum Variant {
 /// An outlier in this many gives a line: half of them are used up, three each.
 const OUTLIERS_PER_LINE: usize = 6;
 
+/// A line finder that searches by these rules.
+#[derive(Debug)]
+pub(super) struct PearlFinder {
+    points: Points,
+    search: Search,
+}
+
+impl PearlFinder {
+    /// A finder that has seen no scan yet.
+    pub(super) fn new(rules: Rules) -> Self {
+        Self { points: Points::default(), search: Search::new(rules) }
+    }
+}
+
+impl LineFinder for PearlFinder {
+    fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
+        self.points.read_scan(scan);
+        let lines = self.search.find(&self.points, random);
+        Found { points: &self.points, lines }
+    }
+}
+
 /// The search and its memory.
 #[derive(Debug)]
-pub(super) struct Search {
+struct Search {
     params: PearlParams,
     variant: Variant,
     population: Population,
     best: Population,
     weights: PairWeights,
     outliers: Vec<u32>,
-    nothing_fresh: Fresh,
     lines: Vec<Line>,
 }
 
 impl Search {
-    pub(super) fn new(params: PearlParams, variant: Variant) -> Self {
+    fn new(Rules { params, variant }: Rules) -> Self {
         Self {
             params,
             variant,
@@ -91,13 +101,12 @@ impl Search {
             best: Population::default(),
             weights: PairWeights::default(),
             outliers: Vec::new(),
-            nothing_fresh: Fresh::default(),
             lines: Vec::new(),
         }
     }
 
-    /// The lines over the points of a scan, of every pass.
-    pub(super) fn find(&mut self, points: &Points, random: &mut Stream) -> &[Line] {
+    /// The lines over the points of a scan, pass by pass.
+    fn find(&mut self, points: &Points, random: &mut Stream) -> &[Line] {
         self.weights.compute(points);
         self.lines.clear();
         for _ in 0..self.params.passes_per_scan {
@@ -117,10 +126,13 @@ impl Search {
         if points.len() < OUTLIERS_PER_LINE {
             return;
         }
-        let mut bound = self.begin(points, random);
+        let mut bound = match self.params.selection {
+            Selection::AsRun => self.begin(points, random),
+            Selection::AsPrinted => f64::INFINITY,
+        };
         for _ in 0..self.params.iterations {
             self.draw(points, random);
-            self.population.lines.fuse(&mut self.nothing_fresh);
+            self.population.lines.fuse();
             self.population.follow();
             self.remove_bad(points);
             self.attach(points);
@@ -131,17 +143,14 @@ impl Search {
 
     /// The first lines, through half of the points, those with most points kept; returns their energy.
     ///
-    /// The program adds up the pair energy before it lets go of small lines, and so does `as-run`.
+    /// As the program does, it adds up the pair energy before it lets go of small lines.
     fn begin(&mut self, points: &Points, random: &mut Stream) -> f64 {
         let drawn = self.draw(points, random);
         self.attach(points);
         let pairs = self.weights.between_lines(&self.population.owners);
         self.remove_tiny((1.5 * drawn as f64).floor());
         self.best.copy_from(&self.population);
-        match self.params.selection {
-            Selection::AsRun => pairs + self.energy_of_points(),
-            Selection::AsPrinted => self.energy(),
-        }
+        pairs + self.energy_of_points()
     }
 
     /// Draws a line through every six outliers, three each, which become its points; returns how many.
@@ -163,7 +172,8 @@ impl Search {
         drawn
     }
 
-    /// Refits every line to its points and removes those that are too far from them, eq. 7.
+    /// Refits every line to its points and removes those that are too far from them, eq. 7. Points are attached
+    /// anew next, so those of lines that are gone need not be told.
     fn remove_bad(&mut self, points: &Points) {
         (0..self.population.lines.len()).for_each(|i| self.population.lines.refit(i));
         self.population.measure(points);
@@ -195,7 +205,7 @@ impl Search {
         self.weights.between_lines(&self.population.owners) + self.energy_of_points()
     }
 
-    /// Outliers and distances, eqs. 2 and 6.
+    /// Outliers and distances, eqs. 2 and 6; a line without points adds nothing.
     fn energy_of_points(&self) -> f64 {
         let outliers = self.population.count_outliers() as f64;
         self.params.outlier_penalty * outliers + self.population.attached_energy_m()
@@ -232,5 +242,10 @@ mod tests {
         let selection = Selection::AsPrinted;
         let params = PearlParams { selection, passes_per_scan: 3, ..Default::default() };
         conformance::check_but_for_success(&LineFinderSpec::Pearl(params));
+    }
+
+    #[test]
+    fn it_bears_the_ends_of_its_ranges() {
+        conformance::check_extremes("pearl");
     }
 }

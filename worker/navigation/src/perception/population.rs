@@ -19,18 +19,20 @@ pub(super) struct Population {
     /// Coordinates of the points in single precision \[m\].
     x_m: Vec<f32>,
     y_m: Vec<f32>,
-    /// Scratch: slope, 1 and intercept of each line, divided by its slant, and its index; sums per line, then of the outliers.
+    /// Scratch: slope, 1 and intercept of each line, divided by its slant, and its index.
     normals: Vec<[f32; 4]>,
+    /// Scratch: line of each point.
     numbers: Vec<f32>,
+    /// Scratch: sums over the points of each line, then of the outliers.
     sums: Vec<[f64; 5]>,
+    distances_m: Vec<f64>,
 }
 
 impl Population {
-    /// Takes over lines and points of `other`, and not its scratch.
+    /// Takes over the lines of `other` and whose each point is.
     pub(super) fn copy_from(&mut self, other: &Self) {
         self.lines.copy_from(&other.lines);
         self.owners.clone_from(&other.owners);
-        self.nearest_m.clone_from(&other.nearest_m);
     }
 
     /// Forgets the points of the last scan and keeps the lines; all of `points` are outliers now.
@@ -94,15 +96,18 @@ impl Population {
     /// Sums the orthogonal distances of each line's points.
     pub(super) fn measure(&mut self, points: &Points) {
         let n = self.lines.len();
-        self.sums.clear();
-        self.sums.extend(self.lines.iter().map(|line| [line.slope, line.intercept_m, 0.0, 0.0, 0.0]));
-        self.sums.push([0.0; 5]);
+        self.distances_m.clear();
+        self.distances_m.resize(n, 0.0);
         for ((x, y), owner) in points.iter().zip(&self.owners) {
-            let [slope, intercept_m, sum, ..] = &mut self.sums[(*owner as usize).min(n)];
-            *sum += (*slope * x - y + *intercept_m).abs();
+            let i = *owner as usize;
+            if i < n {
+                self.distances_m[i] += (self.lines.slopes[i] * x - y + self.lines.intercepts_m[i]).abs();
+            }
         }
-        for (energy, [slope, _, sum, ..]) in self.lines.energies.iter_mut().zip(&self.sums) {
-            *energy = sum / slant(*slope);
+        for ((energy, slope), distance_m) in
+            self.lines.energies.iter_mut().zip(&self.lines.slopes).zip(&self.distances_m)
+        {
+            *energy = distance_m / slant(*slope);
         }
     }
 
@@ -114,7 +119,7 @@ impl Population {
         }
     }
 
-    /// Sum of the distances of all points to the lines that they were attached to \[m\].
+    /// Sum of the distances of all points to the lines that they have just been attached to \[m\].
     pub(super) fn attached_energy_m(&self) -> f64 {
         let inliers = self.owners.iter().zip(&self.nearest_m).filter(|(owner, _)| **owner != OUTLIER);
         inliers.map(|(_, distance_m)| f64::from(*distance_m)).sum()

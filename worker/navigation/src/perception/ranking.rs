@@ -7,15 +7,14 @@ use super::line::{LineFit, slope_tolerance};
 ///
 /// Guyonneau et al. (2022), eq. 10, where n is the number of a line's points, E the sum of their distances, b the
 /// intercept and psi the number of lines of the same slope, the line itself included. The paper prints n; the
-/// program behind the tables squares it.
+/// program behind the tables squares it. psi is counted anew at each ranking.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Ranking {
-    /// tau \[m\].
-    pub(super) weight: f64,
-    /// Power of n: 1 or 2.
-    pub(super) power: u32,
+    tau_m: f64,
+    /// Of n: 1 or 2.
+    power: u32,
     /// A line of this many points or fewer is left out.
-    pub(super) tiny: u32,
+    tiny: u32,
     /// (fitness, line), best first.
     order: Vec<(f64, u32)>,
     /// Scratch: of the lines that are not left out.
@@ -25,8 +24,8 @@ pub(super) struct Ranking {
 }
 
 impl Ranking {
-    pub(super) fn new(weight: f64, power: u32, tiny: u32) -> Self {
-        Self { weight, power, tiny, ..Self::default() }
+    pub(super) fn new(tau_m: f64, power: u32, tiny: u32) -> Self {
+        Self { tau_m, power, tiny, ..Self::default() }
     }
 
     /// (fitness, line) of the lines that are not left out, best first.
@@ -39,7 +38,7 @@ impl Ranking {
     ) -> &[(f64, u32)] {
         self.order.clear();
         self.slopes.clear();
-        for (i, fit) in (0..).zip(fits).filter(|(_, fit)| fit.points() > f64::from(self.tiny)) {
+        for (i, fit) in (0..).zip(fits).filter(|(_, fit)| fit.has_more_than(self.tiny)) {
             self.order.push((fit.points(), i));
             self.slopes.push(slopes[i as usize]);
         }
@@ -50,8 +49,8 @@ impl Ranking {
         CountParallel { slopes: &self.slopes, tolerances: &self.tolerances, counts: &mut self.parallel }.count();
         for ((fitness, i), parallel) in self.order.iter_mut().zip(&self.parallel) {
             let (n, b, energy) = (*fitness, intercepts_m[*i as usize], energies[*i as usize]);
-            let weight = if self.power == 1 { n } else { n * n };
-            *fitness = (b * b + self.weight * energy) / (weight * parallel);
+            let divisor = if self.power == 1 { n } else { n * n };
+            *fitness = (b * b + self.tau_m * energy) / (divisor * parallel);
         }
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         &self.order

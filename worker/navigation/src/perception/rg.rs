@@ -2,12 +2,11 @@
 //!
 //! Guyonneau et al. (2022), section 2.2.1; constants of the program behind their tables.
 
-use super::genetic::{Draw, Genetic, Rules};
-use super::{Found, LineFinder, Points, Scan, Selection};
-use crate::random::Stream;
+use super::Selection;
+use super::genetic::{Draw, Rules};
 
 crate::parameters! {
-    /// Parameters of [`Rg`].
+    /// Parameters of the line finder `rg`.
     pub struct RgParams {
         /// Iterations per pass. Program: 10.
         pub iterations: u32 = 10, "1", [1, 1000];
@@ -16,7 +15,7 @@ crate::parameters! {
         /// At least this many of the fittest lines stay, or a quarter if that is more. Program: 6.
         pub keep: u32 = 6, "1", [1, 64];
         /// A line of this many points or fewer is removed. Program: 3.
-        pub tiny: u32 = 3, "1", [0, 100];
+        pub tiny: u32 = 3, "1", [1, 100];
         /// A point belongs to its nearest line if closer than this. Program: 0.2.
         pub attach_distance_m: f64 = 0.2, "m", [0.001, 10.0];
         /// Weight of the distances against the squared intercept in the fitness, tau of eq. 10. Program: 10.
@@ -32,18 +31,10 @@ crate::parameters! {
     }
 }
 
-/// The line finder.
-#[derive(Debug)]
-pub struct Rg {
-    points: Points,
-    search: Genetic,
-}
-
-impl Rg {
-    /// A finder that has seen no scan yet.
-    #[must_use]
-    pub fn new(params: RgParams) -> Self {
-        let rules = Rules {
+impl From<&RgParams> for Rules {
+    fn from(params: &RgParams) -> Self {
+        Self {
+            fuse_distance_m: None,
             iterations: params.iterations,
             draw: Draw::FillUp,
             lines: params.lines,
@@ -55,16 +46,7 @@ impl Rg {
             outlier_penalty: params.outlier_penalty,
             lowest_energy: true,
             passes: params.passes_per_scan,
-        };
-        Self { points: Points::default(), search: Genetic::new(rules) }
-    }
-}
-
-impl LineFinder for Rg {
-    fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
-        self.points.read_scan(scan);
-        let lines = self.search.find(&self.points, random);
-        Found { points: &self.points, lines }
+        }
     }
 }
 
@@ -83,5 +65,10 @@ mod tests {
     fn it_conforms_as_printed_and_with_several_passes() {
         let selection = Selection::AsPrinted;
         conformance::check(&LineFinderSpec::Rg(RgParams { selection, passes_per_scan: 3, ..Default::default() }));
+    }
+
+    #[test]
+    fn it_bears_the_ends_of_its_ranges() {
+        conformance::check_extremes("rg");
     }
 }

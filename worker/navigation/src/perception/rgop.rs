@@ -2,21 +2,20 @@
 //!
 //! Guyonneau et al. (2022), sections 2.2.1 and 2.2.2; constants of the program behind their tables.
 
-use super::genetic::{Draw, Genetic, Rules};
-use super::{Found, LineFinder, Points, Scan, Selection};
-use crate::random::Stream;
+use super::Selection;
+use super::genetic::{Draw, Rules};
 
 crate::parameters! {
-    /// Parameters of [`Rgop`].
+    /// Parameters of the line finder `rgop`.
     pub struct RgopParams {
         /// Iterations per pass. Program: 10.
         pub iterations: u32 = 10, "1", [1, 1000];
-        /// Lines to fill up to, minus those kept from the scan before. Program: 40.
+        /// Lines to fill up to, one less for each that is kept from the scan before. Program: 40.
         pub lines: u32 = 40, "1", [1, 64];
         /// At least this many of the fittest lines stay, or a quarter if that is more. Program: 4.
         pub keep: u32 = 4, "1", [1, 64];
         /// A line of this many points or fewer is removed. Program: 3.
-        pub tiny: u32 = 3, "1", [0, 100];
+        pub tiny: u32 = 3, "1", [1, 100];
         /// A point belongs to its nearest line if closer than this. Program: 0.2.
         pub attach_distance_m: f64 = 0.2, "m", [0.001, 10.0];
         /// Neighbouring returns closer than this become one point. Program: 0.05.
@@ -34,19 +33,10 @@ crate::parameters! {
     }
 }
 
-/// The line finder.
-#[derive(Debug)]
-pub struct Rgop {
-    fuse_distance_m: f64,
-    points: Points,
-    search: Genetic,
-}
-
-impl Rgop {
-    /// A finder that has seen no scan yet.
-    #[must_use]
-    pub fn new(params: RgopParams) -> Self {
-        let rules = Rules {
+impl From<&RgopParams> for Rules {
+    fn from(params: &RgopParams) -> Self {
+        Self {
+            fuse_distance_m: Some(params.fuse_distance_m),
             iterations: params.iterations,
             draw: Draw::FillUpLessKept,
             lines: params.lines,
@@ -58,16 +48,7 @@ impl Rgop {
             outlier_penalty: params.outlier_penalty,
             lowest_energy: params.selection == Selection::AsPrinted,
             passes: params.passes_per_scan,
-        };
-        Self { fuse_distance_m: params.fuse_distance_m, points: Points::default(), search: Genetic::new(rules) }
-    }
-}
-
-impl LineFinder for Rgop {
-    fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
-        self.points.read_scan_fused(scan, self.fuse_distance_m);
-        let lines = self.search.find(&self.points, random);
-        Found { points: &self.points, lines }
+        }
     }
 }
 
@@ -86,5 +67,10 @@ mod tests {
     fn it_conforms_as_printed_and_with_several_passes() {
         let selection = Selection::AsPrinted;
         conformance::check(&LineFinderSpec::Rgop(RgopParams { selection, passes_per_scan: 3, ..Default::default() }));
+    }
+
+    #[test]
+    fn it_bears_the_ends_of_its_ranges() {
+        conformance::check_extremes("rgop");
     }
 }

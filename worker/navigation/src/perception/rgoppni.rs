@@ -3,7 +3,7 @@
 //! Guyonneau et al. (2022), section 2.2.4; constants of the program behind their tables. Lines are drawn as in
 //! [`rgoppn`](super::rgoppn), but through all points and not only through outliers, of which there are none here.
 
-use super::candidates::Candidates;
+use super::candidates::{Candidates, GONE};
 use super::line::LineFit;
 use super::overlap::Band;
 use super::pair_energy::PairWeights;
@@ -17,12 +17,12 @@ crate::parameters! {
     pub struct RgoppniParams {
         /// Iterations per pass. Program: 10.
         pub iterations: u32 = 10, "1", [1, 1000];
-        /// Lines to draw in an iteration, plus those kept from the scan before. Program: 40.
+        /// Lines to draw in an iteration, one less for each that is kept from the scan before. Program: 40.
         pub lines: u32 = 40, "1", [1, 64];
         /// At least this many of the fittest lines stay, or a quarter if that is more. Program: 6.
         pub keep: u32 = 6, "1", [1, 64];
         /// A line of this many points or fewer is removed. Program: 3.
-        pub tiny: u32 = 3, "1", [0, 100];
+        pub tiny: u32 = 3, "1", [1, 100];
         /// A point belongs to every line closer than this. Program: 0.2.
         pub attach_distance_m: f64 = 0.2, "m", [0.001, 10.0];
         /// Neighbouring returns closer than this become one point. Program: 0.05.
@@ -48,8 +48,7 @@ pub struct Rgoppni {
     ranking: Ranking,
     fresh: Fresh,
     weights: PairWeights,
-    /// All points in order, and those to the left first.
-    all: Vec<u32>,
+    /// All points, those to the left first.
     by_side: Vec<u32>,
     /// How many of them are on the left.
     left: usize,
@@ -72,7 +71,6 @@ impl Rgoppni {
             best: Candidates::default(),
             fresh: Fresh::default(),
             weights: PairWeights::default(),
-            all: Vec::new(),
             by_side: Vec::new(),
             left: 0,
             bands: Vec::new(),
@@ -91,7 +89,7 @@ impl Rgoppni {
             self.fresh.draw_each_side(&self.points, sides, lines, random);
             self.fresh.fit();
             self.candidates.detach();
-            self.candidates.fuse(&mut self.fresh);
+            self.candidates.fuse_with(&mut self.fresh);
             self.fit_to_bands();
             self.candidates.keep_fittest(&mut self.ranking, self.params.keep as usize);
             if self.params.selection == Selection::AsPrinted {
@@ -106,7 +104,7 @@ impl Rgoppni {
         self.bands.extend(self.candidates.iter().map(|line| Band::new(line, self.params.attach_distance_m)));
         for (i, band) in self.bands.iter().enumerate() {
             self.candidates.fits[i] = LineFit::from_sums(band.moments(&self.points));
-            if self.candidates.fits[i].points() > f64::from(self.params.tiny) {
+            if self.candidates.fits[i].has_more_than(self.params.tiny) {
                 self.candidates.refit(i);
                 self.candidates.energies[i] = band.distances_m(&self.points, self.candidates.line(i));
             }
@@ -129,11 +127,12 @@ impl Rgoppni {
     fn energy(&mut self) -> f64 {
         self.masks.clear();
         self.masks.resize(self.points.len(), 0);
-        for (band, kept) in self.bands.iter().zip(self.candidates.moved()) {
-            // Lines that were not kept have no bit.
-            let bit = 1_u64.checked_shl(*kept).unwrap_or(0);
+        let moved = self.bands.iter().zip(self.candidates.moved());
+        for (band, kept) in moved.filter(|(_, kept)| **kept != GONE) {
+            // At most 64 lines are kept: the largest `keep`, or a quarter of all.
+            debug_assert!(*kept < 64);
             for ((x, y), mask) in self.points.iter().zip(&mut self.masks) {
-                *mask |= if band.holds(x, y) { bit } else { 0 };
+                *mask |= u64::from(band.holds(x, y)) << kept;
             }
         }
         self.candidates.energies.iter().sum::<f64>() + self.weights.between_overlapping(&self.masks)
@@ -143,9 +142,7 @@ impl Rgoppni {
 impl LineFinder for Rgoppni {
     fn find(&mut self, scan: &Scan<'_>, random: &mut Stream) -> Found<'_> {
         self.points.read_scan_fused(scan, self.params.fuse_distance_m);
-        self.all.clear();
-        self.all.extend(0..self.points.len() as u32);
-        self.left = split_by_side(&mut self.by_side, &self.points, &self.all);
+        self.left = split_by_side(&mut self.by_side, &self.points, 0..self.points.len() as u32);
         if self.params.selection == Selection::AsPrinted {
             self.weights.compute(&self.points);
         }
@@ -174,5 +171,10 @@ mod tests {
         let selection = Selection::AsPrinted;
         let params = RgoppniParams { selection, passes_per_scan: 3, ..Default::default() };
         conformance::check(&LineFinderSpec::Rgoppni(params));
+    }
+
+    #[test]
+    fn it_bears_the_ends_of_its_ranges() {
+        conformance::check_extremes("rgoppni");
     }
 }

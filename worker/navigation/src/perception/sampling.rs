@@ -5,7 +5,7 @@ use super::lanes::{FitTriples, GROUP, SameLines};
 use super::line::Line;
 use crate::random::Stream;
 
-/// At most so many fresh lines at a time.
+/// At most so many fresh lines at a time: with the 64 lines at most that finders keep there are no more than 128.
 const MOST_FRESH: usize = 64;
 /// Whole groups, so that there is no odd one.
 const ROOM: usize = MOST_FRESH.next_multiple_of(GROUP);
@@ -35,8 +35,8 @@ pub(super) struct Fresh {
     compared: [[f32; ROOM]; 4],
     /// 1 while the line is new, 0 once it is the same as another one, or none at all.
     new: [f32; ROOM],
-    /// Slopes and intercepts \[m\] of lines that stand before all of these.
-    before: Vec<[f32; 2]>,
+    /// Scratch: slopes and intercepts \[m\] of other lines.
+    others: Vec<[f32; 2]>,
 }
 
 impl Default for Fresh {
@@ -51,7 +51,7 @@ impl Default for Fresh {
             intercepts_m: ZEROS,
             compared: [[0.0; ROOM]; 4],
             new: [0.0; ROOM],
-            before: Vec::new(),
+            others: Vec::new(),
         }
     }
 }
@@ -106,21 +106,15 @@ impl Fresh {
         .fit();
     }
 
-    /// Gives way to `line`: those that are the same are let go of by [`fuse`](Self::fuse).
-    pub(super) fn stand_behind(&mut self, line: Line) {
-        self.before.push([line.slope as f32, line.intercept_m as f32]);
-    }
-
-    /// Lets go of the lines that are the same as one before them.
-    pub(super) fn fuse(&mut self) {
+    /// Slopes and intercepts \[m\] of the lines that are the same neither as one of `others` nor as an earlier one.
+    ///
+    /// Takes them out: after this there are no fresh lines.
+    pub(super) fn distinct_from(&mut self, others: &[Line]) -> (&[f64], &[f64]) {
+        self.others.clear();
+        self.others.extend(others.iter().map(|line| [line.slope as f32, line.intercept_m as f32]));
         let lines = self.compared.each_ref().map(|all| all.as_slice());
-        SameLines { lines, places: &PLACES, n: self.n, before: &self.before, new: &mut self.new }.find();
-        self.before.clear();
-    }
-
-    /// Slopes and intercepts \[m\] of the lines that are still new; after this there are no others.
-    pub(super) fn remaining(&mut self) -> (&[f64], &[f64]) {
-        // Without a branch: which lines these are is hard to predict.
+        SameLines { lines, places: &PLACES, n: self.n, before: &self.others, new: &mut self.new }.find();
+        // Without a branch: which lines are left is hard to predict.
         let mut n = 0;
         for i in 0..self.n {
             self.slopes[n] = self.slopes[i];
@@ -133,13 +127,14 @@ impl Fresh {
 }
 
 /// Puts those of `among` with y >= 0 into `sides`, then those with y < 0; returns how many there are of the first.
-pub(super) fn split_by_side(sides: &mut Vec<u32>, points: &Points, among: &[u32]) -> usize {
-    sides.resize(among.len(), 0);
+pub(super) fn split_by_side(sides: &mut Vec<u32>, points: &Points, among: impl ExactSizeIterator<Item = u32>) -> usize {
+    let n = among.len();
+    sides.resize(n, 0);
     let mut left = 0;
-    for (i, point) in among.iter().enumerate() {
-        let is_left = points.y_m[*point as usize] >= 0.0;
+    for (i, point) in among.enumerate() {
+        let is_left = points.y_m[point as usize] >= 0.0;
         // The points to the right are put down from the end.
-        sides[if is_left { left } else { among.len() - 1 - (i - left) }] = *point;
+        sides[if is_left { left } else { n - 1 - (i - left) }] = point;
         left += usize::from(is_left);
     }
     sides[left..].reverse();
@@ -188,8 +183,7 @@ mod tests {
         let mut fresh = Fresh::default();
         fresh.draw(&points, &[0, 1, 2], 5, &mut Stream::new(1, "line-finder"));
         fresh.fit();
-        fresh.fuse();
-        let (slopes, intercepts_m) = fresh.remaining();
+        let (slopes, intercepts_m) = fresh.distinct_from(&[]);
         let mut fit = LineFit::default();
         points.iter().for_each(|(x, y)| fit.add(x, y));
         let expected = fit.line().unwrap();
@@ -203,17 +197,15 @@ mod tests {
         let mut points = Points::default();
         (0..12).for_each(|i| points.push(0.3 * f64::from(i), 0.5));
         let among: Vec<u32> = (0..12).collect();
-        let remaining = |before: Option<Line>| {
+        let remaining = |before: &[Line]| {
             let mut fresh = Fresh::default();
             fresh.draw(&points, &among, 20, &mut Stream::new(1, "line-finder"));
             fresh.fit();
-            before.into_iter().for_each(|line| fresh.stand_behind(line));
-            fresh.fuse();
-            fresh.remaining().0.len()
+            fresh.distinct_from(before).0.len()
         };
-        assert_eq!(remaining(None), 1);
-        assert_eq!(remaining(Some(Line::new(0.05, 0.4))), 0);
-        assert_eq!(remaining(Some(Line::new(0.05, 0.1))), 1);
+        assert_eq!(remaining(&[]), 1);
+        assert_eq!(remaining(&[Line::new(0.05, 0.4)]), 0);
+        assert_eq!(remaining(&[Line::new(0.05, 0.1)]), 1);
     }
 
     #[test]
@@ -227,6 +219,6 @@ mod tests {
         fresh.draw(&points, &[0, 1, 2], 5, &mut Stream::new(1, "line-finder"));
         fresh.fit();
         assert_eq!(fresh.n, 5);
-        assert!(fresh.remaining().0.is_empty());
+        assert!(fresh.distinct_from(&[]).0.is_empty());
     }
 }

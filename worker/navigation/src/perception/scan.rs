@@ -41,8 +41,15 @@ impl Beams {
 pub struct Scan<'a> {
     /// The beams' directions.
     pub beams: &'a Beams,
-    /// Range per beam \[m\]; anything that is not a finite positive number means no return.
+    /// Range per beam \[m\]; anything but a positive number up to 1000 km means no return.
     pub ranges_m: &'a [f64],
+}
+
+/// No LiDAR reaches farther \[m\]; sums of squares stay far from overflow.
+const FARTHEST_M: f64 = 1e6;
+
+fn is_return(range_m: f64) -> bool {
+    range_m > 0.0 && range_m <= FARTHEST_M
 }
 
 /// Points in the plane, coordinates apart.
@@ -96,7 +103,7 @@ impl Points {
     pub fn read_scan(&mut self, scan: &Scan<'_>) {
         self.clear();
         for ((range, cos), sin) in scan.ranges_m.iter().zip(&scan.beams.cos).zip(&scan.beams.sin) {
-            if range.is_finite() && *range > 0.0 {
+            if is_return(*range) {
                 self.push(range * cos, range * sin);
             }
         }
@@ -114,7 +121,7 @@ impl Points {
         let limit = fuse_distance_m * fuse_distance_m;
         let mut cluster = (0.0, 0.0, 0.0);
         for ((range, cos), sin) in scan.ranges_m.iter().zip(&scan.beams.cos).zip(&scan.beams.sin) {
-            if !range.is_finite() || *range <= 0.0 {
+            if !is_return(*range) {
                 continue;
             }
             let (x, y) = (range * cos, range * sin);
@@ -156,8 +163,8 @@ mod tests {
 
     #[test]
     fn beams_without_a_return_give_no_point() {
-        let beams = Beams::new(4, 1.0);
-        let (raw, fused) = scan(&beams, &[f64::INFINITY, f64::NAN, -1.0, 2.0]);
+        let beams = Beams::new(6, 1.0);
+        let (raw, fused) = scan(&beams, &[f64::INFINITY, f64::NAN, -1.0, 1e200, 0.0, 2.0]);
         assert_eq!((raw.len(), fused.len()), (1, 1));
     }
 

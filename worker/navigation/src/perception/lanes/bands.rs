@@ -38,7 +38,7 @@ impl BandSums<'_> {
         for (x, y) in x.iter().zip(y).chain([(&rest.0, &rest.1)]) {
             let vectors = S::as_simd_f64s(x).0.iter().zip(S::as_simd_f64s(y).0);
             for (part, (x, y)) in vectors.enumerate() {
-                let inside = simd.less_than_f64s(above(simd, *x, *y, slope, intercept), reach);
+                let inside = simd.less_than_f64s(distance_along_y(simd, *x, *y, slope, intercept), reach);
                 for (sum, term) in sums.iter_mut().zip(terms(*x, *y)) {
                     sum[part] = simd.add_f64s(sum[part], simd.select_f64s(inside, term, zero));
                 }
@@ -48,7 +48,7 @@ impl BandSums<'_> {
     }
 }
 
-struct Moments<'a>(BandSums<'a>);
+pub(crate) struct Moments<'a>(pub(crate) BandSums<'a>);
 
 impl WithSimd for Moments<'_> {
     type Output = [f64; 5];
@@ -64,7 +64,8 @@ impl WithSimd for Moments<'_> {
     }
 }
 
-struct Distances<'a>(BandSums<'a>, f64, f64);
+/// Slope and intercept \[m\] of the line follow.
+pub(crate) struct Distances<'a>(pub(crate) BandSums<'a>, pub(crate) f64, pub(crate) f64);
 
 impl WithSimd for Distances<'_> {
     type Output = [f64; 1];
@@ -75,14 +76,14 @@ impl WithSimd for Distances<'_> {
         self.0.sum(
             simd,
             #[inline(always)]
-            |x, y| [above(simd, x, y, slope, intercept)],
+            |x, y| [distance_along_y(simd, x, y, slope, intercept)],
         )
     }
 }
 
-/// How far (x, y) is above or below a line, along y \[m\].
+/// Distance of (x, y) from a line, along y \[m\]; the same operations as in `Band::holds`, so the same bits.
 #[inline(always)]
-fn above<S: Simd>(simd: S, x: S::f64s, y: S::f64s, slope: S::f64s, intercept: S::f64s) -> S::f64s {
+fn distance_along_y<S: Simd>(simd: S, x: S::f64s, y: S::f64s, slope: S::f64s, intercept: S::f64s) -> S::f64s {
     simd.abs_f64s(simd.sub_f64s(y, simd.add_f64s(simd.mul_f64s(slope, x), intercept)))
 }
 

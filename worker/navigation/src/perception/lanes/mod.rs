@@ -11,10 +11,12 @@ mod bands;
 mod nearest;
 mod pairs;
 mod same;
+#[cfg(test)]
+mod tests;
 
 pub(super) use bands::BandSums;
 pub(super) use nearest::NearestLines;
-pub(super) use pairs::{SumApart, Weights};
+pub(super) use pairs::{ONE, SumApart, Weights};
 pub(super) use same::{CountParallel, FitTriples, GROUP, SameLines};
 
 /// The largest number that [`from_whole`] takes.
@@ -22,6 +24,7 @@ pub(super) const LARGEST: u32 = (1 << 23) - 1;
 
 /// A whole number up to [`LARGEST`] as 2^23 and itself, so that its bits are the low ones.
 pub(super) const fn from_whole(number: u32) -> f32 {
+    debug_assert!(number <= LARGEST);
     f32::from_bits(0x4b00_0000 | number)
 }
 

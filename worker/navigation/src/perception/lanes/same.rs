@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::perception::line::{intercept_tolerance_m, slope_tolerance};
+use crate::perception::line::{determines_slope, intercept_tolerance_m, slope_tolerance};
 
 /// Fits lines to three points each, by least squares of y on x.
 pub(crate) struct FitTriples<'a> {
@@ -48,8 +48,7 @@ impl WithSimd for FitTriples<'_> {
             slope_tolerances[i] = slope_tolerance(slope) as f32;
             intercepts32[i] = intercept_m as f32;
             intercept_tolerances[i] = intercept_tolerance_m(intercept_m) as f32;
-            // As for other fits: below this rounding decides the slope.
-            new[i] = if spread > 9e-12 { 1.0 } else { 0.0 };
+            new[i] = if determines_slope(spread, 3.0) { 1.0 } else { 0.0 };
         }
     }
 }
