@@ -108,7 +108,7 @@ mod tests {
             let mut bytes = file(&["one", "two", "three"]);
             bytes[at] ^= 0x40;
             assert_eq!(contents(&bytes), ["one", "three"], "damaged at {at}");
-            assert_eq!(scan(&bytes).damaged, [first..second]);
+            assert_eq!(scan(&bytes).damaged.first(), Some(&(first..second)));
         }
     }
 
