@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use furrow_schema::id::EngineId;
 
@@ -14,6 +14,9 @@ pub struct Config {
     pub engine: EngineId,
     /// After so many workers that died while a job ran there, the job is `failed`. At least 1.
     pub max_attempts: u32,
+    /// After its start no lease runs out for so long: its workers had nobody to renew with, and what they still run
+    /// shall neither be run again elsewhere nor be charged with a death.
+    pub leases_hold_for: Duration,
     /// Where the time comes from.
     pub clock: Clock,
 }
@@ -21,11 +24,14 @@ pub struct Config {
 impl Config {
     /// The workers that may die of a job where nothing else is asked.
     pub const DEFAULT_MAX_ATTEMPTS: u32 = 3;
+    /// Workers of other processes are back within this time.
+    pub const WORKERS_ARE_BACK_WITHIN: Duration = Duration::from_secs(10);
 
-    /// The usual settings for `engine`.
+    /// The usual settings for `engine`, whose workers are those of this process.
     #[must_use]
     pub fn new(engine: EngineId) -> Self {
-        Self { engine, max_attempts: Self::DEFAULT_MAX_ATTEMPTS, clock: Clock::system() }
+        let (max_attempts, leases_hold_for) = (Self::DEFAULT_MAX_ATTEMPTS, Duration::ZERO);
+        Self { engine, max_attempts, leases_hold_for, clock: Clock::system() }
     }
 }
 

@@ -51,7 +51,8 @@ impl Coordinator {
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
         let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bell);
         tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
-        tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone()));
+        let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
+        tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
         Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
     }
 

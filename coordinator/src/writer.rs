@@ -11,7 +11,7 @@ use std::time::Duration;
 use furrow_schema::protocol::{LEASE_MS, RENEW_EVERY_MS, Recorded, Refusal, Reply, Welcome};
 use sqlx::SqliteConnection;
 use tokio::sync::{mpsc, oneshot, watch};
-use tokio::time::MissedTickBehavior;
+use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::sync::CancellationToken;
 
 use crate::batch::{Answers, Batch, Command};
@@ -182,9 +182,9 @@ impl Writer {
     }
 }
 
-/// Asks for housekeeping every second, as long as there is anyone to ask.
-pub(crate) async fn keep_house(commands: mpsc::WeakSender<Command>, stop: CancellationToken) {
-    let mut tick = tokio::time::interval(HOUSEKEEPING_EVERY);
+/// Asks for housekeeping every second from `first` on, as long as there is anyone to ask.
+pub(crate) async fn keep_house(commands: mpsc::WeakSender<Command>, stop: CancellationToken, first: Instant) {
+    let mut tick = tokio::time::interval_at(first, HOUSEKEEPING_EVERY);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     while stop.run_until_cancelled(tick.tick()).await.is_some() {
         let (answer, answered) = oneshot::channel();
@@ -287,6 +287,15 @@ mod tests {
         assert_eq!(page.items.len(), 3);
         second.assert_consistent().await;
         second.coordinator.shutdown().await;
+    }
+
+    #[tokio::test]
+    async fn no_lease_runs_out_before_the_workers_had_time_to_come_back() {
+        let (commands, mut queue) = mpsc::channel(1);
+        let first = Instant::now() + Duration::from_millis(100);
+        tokio::spawn(keep_house(commands.downgrade(), CancellationToken::new(), first));
+        assert!(matches!(queue.recv().await, Some(Command::KeepHouse(_))));
+        assert!(Instant::now() >= first);
     }
 
     #[tokio::test]

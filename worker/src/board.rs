@@ -1,9 +1,10 @@
 //! The worker's memory: which runs wait, which go on, which ended and are not acknowledged yet.
 //!
 //! A plain state machine without threads, clocks or network. The pool takes work from it and says how runs ended;
-//! the three conversations fill it, empty it and ask what is held.
+//! the three conversations fill it, empty it and ask what is held. With a spool, ended runs pass through it on their
+//! way to a report, and it is told of what is acknowledged.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -20,7 +21,7 @@ const MAX_HELD: usize = 4 * MAX_CLAIM as usize;
 /// Weight of the latest run in the mean duration.
 const NEWEST_WEIGHT: f64 = 0.2;
 /// A report grows no longer than this by its trajectories [bytes].
-const MAX_REPORT_BYTES: usize = 4 << 20;
+pub(crate) const MAX_REPORT_BYTES: usize = 4 << 20;
 
 /// One leased job with what it takes to run it.
 #[derive(Debug)]
@@ -32,7 +33,7 @@ pub(crate) struct Work<S> {
 }
 
 /// A lease: the job and which handing out of it.
-type Lease = (JobId, u32);
+pub(crate) type Lease = (JobId, u32);
 
 fn lease_of(job: &LeasedJob) -> Lease {
     (job.job, job.attempt)
@@ -46,6 +47,20 @@ enum Stage {
     Ended,
 }
 
+/// What is for the spool to do, and what it could not.
+#[derive(Debug, Default)]
+struct SpoolSide {
+    /// Ended runs to keep before they are reported.
+    unkept: Vec<RunReport>,
+    /// How many the spool is about to keep.
+    underway: usize,
+    /// Runs that it keeps for nothing.
+    acknowledged: Vec<Lease>,
+    /// Runs that are in memory only, since the spool did not take them.
+    refused: BTreeSet<Lease>,
+    reports_ended: bool,
+}
+
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct Board<S> {
@@ -53,6 +68,7 @@ pub(crate) struct Board<S> {
     held: BTreeMap<Lease, Stage>,
     queue: VecDeque<Work<S>>,
     outbox: VecDeque<RunReport>,
+    spool: Option<SpoolSide>,
     /// Runs that go on now.
     running: usize,
     /// Whether the one that goes on must be alone.
@@ -65,12 +81,14 @@ pub(crate) struct Board<S> {
 }
 
 impl<S> Board<S> {
-    pub(crate) fn new(threads: usize) -> Self {
+    /// An empty board; its ended runs pass through a spool, or not.
+    pub(crate) fn new(threads: usize, spooling: bool) -> Self {
         Self {
             threads: threads.max(1),
             held: BTreeMap::new(),
             queue: VecDeque::new(),
             outbox: VecDeque::new(),
+            spool: spooling.then(SpoolSide::default),
             running: 0,
             alone: false,
             takers: 0,
@@ -81,11 +99,12 @@ impl<S> Board<S> {
     }
 
     /// How many jobs to claim now: one batch as soon as less than one waits, nothing otherwise. Nothing either while
-    /// too many runs wait for their acknowledgement.
+    /// too many runs wait for their acknowledgement, or any that the spool did not take.
     pub(crate) fn want(&self) -> u32 {
         let batch = self.batch();
         let full = self.queue.len() >= batch || self.held.len() + batch > MAX_HELD + self.threads;
-        if self.closed || full { 0 } else { u32::try_from(batch).unwrap_or(MAX_CLAIM) }
+        let at_risk = self.spool.as_ref().is_some_and(|spool| !spool.refused.is_empty());
+        if self.closed || full || at_risk { 0 } else { u32::try_from(batch).unwrap_or(MAX_CLAIM) }
     }
 
     fn batch(&self) -> usize {
@@ -162,7 +181,43 @@ impl<S> Board<S> {
 
     fn end(&mut self, lease: Lease, ended: RunEnd) {
         self.held.insert(lease, Stage::Ended);
-        self.outbox.push_back(RunReport { job: lease.0, attempt: lease.1, ended });
+        let run = RunReport { job: lease.0, attempt: lease.1, ended };
+        match &mut self.spool {
+            Some(spool) if run.ended != RunEnd::HandedBack => spool.unkept.push(run),
+            _ => self.outbox.push_back(run),
+        }
+    }
+
+    /// What the spool is to keep now, and what to forget; nothing if it has nothing to do at the moment.
+    pub(crate) fn take_for_spool(&mut self) -> Option<(Vec<RunReport>, Vec<Lease>)> {
+        let spool = self.spool.as_mut()?;
+        let round = (std::mem::take(&mut spool.unkept), std::mem::take(&mut spool.acknowledged));
+        spool.underway += round.0.len();
+        let idle = round.0.is_empty() && round.1.is_empty();
+        (!idle).then_some(round)
+    }
+
+    /// The spool took the first `kept` of these runs. All of them may be reported.
+    pub(crate) fn spooled(&mut self, runs: Vec<RunReport>, kept: usize) {
+        if let Some(spool) = &mut self.spool {
+            spool.underway -= runs.len();
+            spool.refused.extend(runs[kept..].iter().map(|run| (run.job, run.attempt)));
+        }
+        self.outbox.extend(runs);
+    }
+
+    /// No run is reported any more.
+    pub(crate) fn reports_ended(&mut self) {
+        if let Some(spool) = &mut self.spool {
+            spool.reports_ended = true;
+        }
+    }
+
+    /// Whether the spool has and will have nothing to do.
+    pub(crate) fn is_spooled(&self) -> bool {
+        let nothing =
+            |spool: &SpoolSide| spool.reports_ended && spool.unkept.is_empty() && spool.acknowledged.is_empty();
+        self.spool.as_ref().is_none_or(|spool| self.is_idle() && nothing(spool))
     }
 
     /// The next report's runs: all that fit, from those that ended first. They stay held until acknowledged.
@@ -180,7 +235,14 @@ impl<S> Board<S> {
     /// The coordinator has these on record, or wants to hear no more of them.
     pub(crate) fn forget(&mut self, runs: &[RunReport]) {
         for run in runs {
-            self.held.remove(&(run.job, run.attempt));
+            let lease = (run.job, run.attempt);
+            self.held.remove(&lease);
+            if let Some(spool) = &mut self.spool
+                && run.ended != RunEnd::HandedBack
+                && !spool.refused.remove(&lease)
+            {
+                spool.acknowledged.push(lease);
+            }
         }
     }
 
@@ -245,7 +307,8 @@ impl<S> Board<S> {
 
     /// Whether it is idle and every end was handed to a report.
     pub(crate) fn is_drained(&self) -> bool {
-        self.is_idle() && self.outbox.is_empty()
+        let spooled = self.spool.as_ref().is_none_or(|spool| spool.underway == 0 && spool.unkept.is_empty());
+        self.is_idle() && self.outbox.is_empty() && spooled
     }
 }
 

@@ -108,5 +108,5 @@ fn take_in<S>(leases: Leases, scenarios: &mut Scenarios<S>, shared: &Shared<S>) 
         board.add(lease, scenario);
     }
     drop(board);
-    shared.ended.notify_one();
+    shared.ring_ended();
 }

@@ -1,15 +1,17 @@
 //! Asking until there is an answer.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use async_trait::async_trait;
-use furrow_schema::id::{Credential, RequestId, WorkerId};
+use furrow_schema::id::RequestId;
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
-use tokio::sync::watch;
+use tokio::sync::{Notify, watch};
 use tokio_util::sync::CancellationToken;
 
 use crate::backoff::Backoff;
 use crate::link::{Link, LinkError};
+use crate::spool::Identity;
 
 /// A question with the method of [`Link`] that carries it.
 #[async_trait]
@@ -47,23 +49,33 @@ pub(crate) enum AskError {
     /// The link is closed for good. The worker gives up.
     #[error("the link to the coordinator is closed")]
     Closed,
+    /// Another coordinator is in its place. The worker gives up this life, and may begin one there.
+    #[error("another coordinator, {0}, is in its place")]
+    OtherCoordinator(String),
     /// The caller lost interest: the outcome of the question is unknown.
     #[error("no answer in time")]
     GivenUp,
 }
 
 /// One worker's side of all questions: who it is, and whom it asks.
-#[derive(Clone)]
 pub(crate) struct Conversation {
     link: Arc<dyn Link>,
-    worker: WorkerId,
-    credential: Credential,
+    identity: Identity,
     hello: Hello,
+    /// The last question had no answer.
+    away: AtomicBool,
+    /// Rings when there is an answer again.
+    back: Notify,
 }
 
 impl Conversation {
-    pub(crate) fn new(link: Arc<dyn Link>, worker: WorkerId, hello: Hello) -> Self {
-        Self { link, worker, credential: Credential::random(), hello }
+    pub(crate) fn new(link: Arc<dyn Link>, identity: Identity, hello: Hello) -> Self {
+        Self { link, identity, hello, away: AtomicBool::new(false), back: Notify::new() }
+    }
+
+    /// Waits for the first answer after a silence.
+    pub(crate) async fn back(&self) {
+        self.back.notified().await;
     }
 
     /// Presents the worker, until it is welcome.
@@ -79,7 +91,7 @@ impl Conversation {
     /// Asks once; nothing if there was no answer that helps. A coordinator that does not know the worker (any more)
     /// hears its hello, for the next time.
     pub(crate) async fn ask_once<Q: Question>(&self, body: Q) -> Option<Q::Answer> {
-        let answer = Q::ask(&*self.link, self.call(body)).await.ok()?;
+        let answer = self.put(self.call(body)).await.ok()?;
         if matches!(answer, Reply::Refused(Refusal::UnknownWorker)) {
             self.introduce().await;
         }
@@ -94,7 +106,7 @@ impl Conversation {
         let mut troubled = false;
         loop {
             let answer = tokio::select! {
-                answer = Q::ask(&*self.link, call.clone()) => answer,
+                answer = self.put(call.clone()) => answer,
                 () = give_up.cancelled() => return Err(AskError::GivenUp),
             };
             let trouble = match answer {
@@ -106,25 +118,37 @@ impl Conversation {
                 Ok(Reply::Refused(refusal @ Refusal::Unavailable { .. })) => refusal.to_string(),
                 Ok(Reply::Refused(refusal)) => return Err(AskError::Refused(refusal)),
                 Err(LinkError::Closed) => return Err(AskError::Closed),
+                Err(LinkError::OtherCoordinator(other)) => return Err(AskError::OtherCoordinator(other)),
                 Err(error) => error.to_string(),
             };
             log_trouble(troubled, &trouble);
             troubled = true;
             tokio::select! {
                 () = tokio::time::sleep(backoff.pause()) => {}
+                () = self.back() => {}
                 () = give_up.cancelled() => return Err(AskError::GivenUp),
             }
         }
     }
 
+    /// Asks the link. The first answer after a silence wakes all that wait to ask again.
+    async fn put<Q: Question>(&self, call: Call<Q>) -> Result<Reply<Q::Answer>, LinkError> {
+        let answer = Q::ask(&*self.link, call).await;
+        if self.away.swap(answer.is_err(), Ordering::Relaxed) && answer.is_ok() {
+            self.back.notify_waiters();
+        }
+        answer
+    }
+
     /// A failed introduction shows when the question is asked again.
     async fn introduce(&self) -> String {
-        let hello = Hello::ask(&*self.link, self.call(self.hello.clone())).await;
+        let hello = self.put(self.call(self.hello.clone())).await;
         format!("the worker presented itself again: {}", if hello.is_ok() { "answered" } else { "no answer" })
     }
 
     fn call<Q>(&self, body: Q) -> Call<Q> {
-        Call { request: RequestId::random(), worker: self.worker.clone(), credential: self.credential.clone(), body }
+        let Identity { worker, credential } = self.identity.clone();
+        Call { request: RequestId::random(), worker, credential, body }
     }
 }
 

@@ -3,7 +3,8 @@
 //! Read in this order: [`link`] is what a worker can ask of a coordinator, over the network ([`zenoh_link`]) or
 //! within one process; [`worker`] puts its loops together; `board` is its memory, a plain state machine of queued,
 //! running and finished runs; `pool` empties the board on all cores; `claims`, `reports` and `renewals` are the three
-//! conversations that go on meanwhile; [`runner`] is one run, with its stopwatch ([`timing`]) and its recorder
+//! conversations that go on meanwhile; [`spool`] keeps finished runs on disk until they are acknowledged, and
+//! `spooling` is how they get there; [`runner`] is one run, with its stopwatch ([`timing`]) and its recorder
 //! ([`trajectory`]). [`replay`] runs a finished job again to see its path.
 
 mod backoff;
@@ -17,6 +18,8 @@ pub mod replay;
 mod reports;
 pub mod runner;
 mod scenarios;
+pub mod spool;
+mod spooling;
 pub mod timing;
 pub mod trajectory;
 pub mod worker;
@@ -27,5 +30,6 @@ mod scripted;
 
 pub use link::{Link, LinkError};
 pub use runner::{Order, Runner, Simulator};
+pub use spool::{Spool, SpoolError};
 pub use worker::{Config, Summary, Worker, WorkerError};
 pub use zenoh_link::{ConnectConfig, ConnectError, ZenohLink};

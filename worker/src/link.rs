@@ -4,7 +4,8 @@ use async_trait::async_trait;
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Renew, Renewed, Reply, Report, Welcome};
 use tokio::sync::watch;
 
-/// The way to one coordinator: over the network, or within the process.
+/// The way to one coordinator: over the network, or within the process. It never leads to another one, since jobs are
+/// numbered by each coordinator for itself.
 ///
 /// Every question may be asked again with the same request id and is then the same question. An implementation
 /// asks once and answers within a bounded time; repeating is the worker's business.
@@ -55,6 +56,10 @@ pub enum LinkError {
     /// The caller asks again with the same request id, after a pause, and says so in its log.
     #[error("the coordinator's answer cannot be read: {0}")]
     Unreadable(String),
+    /// Another coordinator serves where this one did. The caller gives up; what it was handed by the old one is not
+    /// for the new one, which a new link leads to.
+    #[error("another coordinator, {0}, serves where the worker's own one did")]
+    OtherCoordinator(String),
     /// The link is closed and stays closed. The caller gives up.
     #[error("the link to the coordinator is closed")]
     Closed,

@@ -21,11 +21,21 @@ pub(crate) struct Shared<S> {
     pub(crate) room: Notify,
     /// Rings when the outbox may have grown, or the board became idle.
     pub(crate) ended: Notify,
+    /// Rings when there may be something to spool, or the board became idle.
+    pub(crate) spool: Notify,
 }
 
 impl<S> Shared<S> {
-    pub(crate) fn new(threads: usize) -> Self {
-        Self { board: Mutex::new(Board::new(threads)), room: Notify::new(), ended: Notify::new() }
+    /// An empty board, whose ended runs pass through a spool or not.
+    pub(crate) fn new(threads: usize, spooling: bool) -> Self {
+        let board = Mutex::new(Board::new(threads, spooling));
+        Self { board, room: Notify::new(), ended: Notify::new(), spool: Notify::new() }
+    }
+
+    /// A run ended, or there will be no more of them.
+    pub(crate) fn ring_ended(&self) {
+        self.ended.notify_one();
+        self.spool.notify_one();
     }
 
     /// The board. No code panics while it holds the lock, so a poisoned one is as good.
@@ -76,7 +86,7 @@ fn take_all<R: Runner>(shared: &Arc<Shared<R::Scenario>>, runner: &Arc<R>) {
             board.finish(&work.lease, ended, began.elapsed());
             board.engage()
         };
-        shared.ended.notify_one();
+        shared.ring_ended();
         for _ in 0..more {
             let (shared, runner) = (Arc::clone(shared), Arc::clone(runner));
             rayon::spawn(move || take_all(&shared, &runner));

@@ -12,14 +12,17 @@ use crate::pool::Shared;
 const MOST_OFTEN: Duration = Duration::from_millis(100);
 const LEAST_OFTEN: Duration = Duration::from_secs(10);
 
-/// Renews all held leases every `every_ms`, for ever. A renewal without an answer is not repeated: the next one
-/// comes soon enough.
+/// Renews all held leases every `every_ms`, and when the coordinator is back, for ever. A renewal without an answer is
+/// not repeated: the next one comes soon enough.
 pub(crate) async fn renew_leases<S>(conversation: &Conversation, every_ms: u64, shared: &Shared<S>) {
     let mut ticks = interval(Duration::from_millis(every_ms).clamp(MOST_OFTEN, LEAST_OFTEN));
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     ticks.tick().await;
     loop {
-        ticks.tick().await;
+        tokio::select! {
+            _ = ticks.tick() => {}
+            () = conversation.back() => {}
+        }
         let held = shared.board().held();
         for some in held.chunks(MAX_CLAIM as usize) {
             renew(conversation, some, shared).await;
@@ -32,7 +35,7 @@ async fn renew<S>(conversation: &Conversation, held: &[HeldJob], shared: &Shared
     let jobs = shared.board().lose(&renewed.lost);
     if jobs > 0 {
         tracing::info!(jobs, "jobs are no longer this worker's");
-        shared.ended.notify_one();
+        shared.ring_ended();
         shared.room.notify_one();
     }
 }

@@ -6,6 +6,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::conversation::{AskError, Conversation};
 use crate::pool::Shared;
+use crate::spooling::OpenSpool;
 use crate::worker::Summary;
 
 /// Reports ended runs until the board is drained, or until `too_late`. While one report is on its way the next one
@@ -30,6 +31,7 @@ pub(crate) async fn report_runs<S>(
             }
             shared.board().forget(&runs);
             shared.room.notify_one();
+            shared.spool.notify_one();
         } else if drained {
             return Ok(summary);
         } else {
@@ -38,6 +40,31 @@ pub(crate) async fn report_runs<S>(
                 () = too_late.cancelled() => return Ok(summary),
             }
         }
+    }
+}
+
+/// Delivers what earlier lives of this worker left in the spool, before it takes on anything new: its jobs may be on
+/// their way to others.
+pub(crate) async fn deliver_spooled(
+    conversation: &Conversation,
+    engine: EngineId,
+    spool: &OpenSpool,
+    give_up: &CancellationToken,
+) -> Result<Summary, AskError> {
+    let mut summary = Summary::default();
+    loop {
+        let runs = spool.waiting().await;
+        if runs.is_empty() {
+            return Ok(summary);
+        }
+        let recorded = match report(conversation, engine, &runs, give_up).await {
+            Err(AskError::GivenUp) => return Ok(summary),
+            answer => answer?,
+        };
+        summary.count(&runs, &recorded);
+        let (recorded, ignored) = (recorded.recorded.len(), recorded.ignored.len());
+        tracing::info!(recorded, ignored, "delivered runs from the spool");
+        spool.forget(runs.iter().map(|run| (run.job, run.attempt)).collect()).await;
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Barrier, Mutex};
 use std::time::Duration;
 
 use async_trait::async_trait;
-use furrow_schema::id::{Digest, JobId, RequestId, ScenarioId};
+use furrow_schema::id::{Digest, JobId, RequestId, ScenarioId, WorkerId};
 use furrow_schema::job::{RunRecord, Timings};
 use furrow_schema::protocol::{
     Call, Claim, Hello, LeasedJob, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, RunEnd, RunReport,
@@ -37,6 +37,8 @@ pub(crate) struct State {
     /// All ends that were recorded, in order.
     pub(crate) ended: Vec<RunReport>,
     pub(crate) hellos: Vec<Hello>,
+    /// Who said hello, in order.
+    pub(crate) workers: Vec<WorkerId>,
     pub(crate) claims: Vec<Claim>,
     pub(crate) renewals: Vec<Renew>,
     /// Texts of scenarios that were sent.
@@ -53,6 +55,10 @@ pub(crate) struct State {
     pub(crate) retry_after_ms: Option<u64>,
     /// Nobody answers.
     pub(crate) away: bool,
+    /// Reports have no answer, and are not recorded.
+    pub(crate) deaf_to_reports: bool,
+    /// Another coordinator is in its place.
+    pub(crate) replaced_by: Option<String>,
     /// Results of this job are malformed.
     pub(crate) unreadable_results_of: Option<JobId>,
     /// Renewals say that these are lost.
@@ -112,6 +118,8 @@ impl Queue {
         let mut state = self.state.lock().unwrap();
         let answer = if state.away {
             Err(LinkError::NoAnswer("away".to_owned()))
+        } else if let Some(other) = state.replaced_by.clone() {
+            Err(LinkError::OtherCoordinator(other))
         } else if let Some(refusal) = state.refusal.clone() {
             Ok(Reply::Refused(refusal))
         } else if state.forgot_workers {
@@ -164,6 +172,7 @@ impl Link for Queue {
         self.with(|state| state.forgot_workers = false);
         self.answer(call, |state, call| {
             state.hellos.push(call.body);
+            state.workers.push(call.worker);
             Reply::Ok(Welcome { lease_ms: 30_000, renew_every_ms: 1 })
         })
     }
@@ -181,6 +190,9 @@ impl Link for Queue {
     }
 
     async fn result(&self, call: Call<Report>) -> LinkResult<Recorded> {
+        if self.state.lock().unwrap().deaf_to_reports {
+            return Err(LinkError::NoAnswer("lost on the way there".to_owned()));
+        }
         let mut lost = false;
         let answer = self.answer(call, |state, call| {
             if state.cannot_read(&call.body) {
@@ -233,6 +245,11 @@ pub(crate) struct Arithmetic {
 impl Arithmetic {
     pub(crate) fn new() -> Self {
         Self { meeting: Barrier::new(2), going: AtomicUsize::new(0), disturbed: AtomicBool::new(false) }
+    }
+
+    /// Meets the run that waits for another.
+    pub(crate) fn meet(&self) {
+        self.meeting.wait();
     }
 }
 

@@ -1,6 +1,6 @@
 //! The worker's life: hello, work until told to stop, hand back, leave.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use furrow_schema::id::{EngineId, WorkerId};
@@ -12,8 +12,10 @@ use crate::conversation::{AskError, Conversation};
 use crate::link::Link;
 use crate::pool::{Pool, Shared};
 use crate::renewals::renew_leases;
-use crate::reports::report_runs;
+use crate::reports::{deliver_spooled, report_runs};
 use crate::runner::{Runner, Simulator};
+use crate::spool::{Identity, Spool};
+use crate::spooling::{OpenSpool, spool_runs};
 
 /// A worker that was told to stop has this long to stop its runs, and as long again to say so.
 const STOP_WITHIN: Duration = Duration::from_secs(2);
@@ -65,6 +67,15 @@ impl Summary {
     }
 }
 
+impl std::ops::AddAssign for Summary {
+    fn add_assign(&mut self, more: Self) {
+        self.done += more.done;
+        self.panicked += more.panicked;
+        self.handed_back += more.handed_back;
+        self.ignored += more.ignored;
+    }
+}
+
 /// Why a worker ended before it was told to.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkerError {
@@ -74,6 +85,10 @@ pub enum WorkerError {
     /// The link is closed for good. The caller leaves, or connects anew.
     #[error("the link to the coordinator is closed")]
     LinkClosed,
+    /// Another coordinator is in its place. What this one handed out is not for that one; finished runs stay in the
+    /// spool. The caller connects anew, and begins another life.
+    #[error("another coordinator, {0}, is in its place")]
+    OtherCoordinator(String),
     /// The operating system gives no threads. The caller asks for fewer.
     #[error("no threads to run on: {0}")]
     NoThreads(String),
@@ -83,7 +98,8 @@ pub enum WorkerError {
 pub struct Worker<R: Runner = Simulator> {
     link: Arc<dyn Link>,
     config: Config,
-    id: WorkerId,
+    identity: Identity,
+    spool: Option<OpenSpool>,
     runner: Arc<R>,
 }
 
@@ -99,38 +115,51 @@ impl<R: Runner> Worker<R> {
     /// A worker that does with a job what `runner` does.
     #[must_use]
     pub fn with_runner(link: Arc<dyn Link>, config: Config, runner: R) -> Self {
-        Self { link, config, id: WorkerId::random(), runner: Arc::new(runner) }
+        Self { link, config, identity: Identity::random(), spool: None, runner: Arc::new(runner) }
+    }
+
+    /// Finished runs are kept in `spool` until `coordinator`, to which the link leads, has acknowledged them; the worker
+    /// is the one of that folder. Without it they are lost with the process.
+    #[must_use]
+    pub fn spooling(mut self, spool: Arc<Mutex<Spool>>, coordinator: &str) -> Self {
+        self.identity = spool.lock().unwrap_or_else(PoisonError::into_inner).identity().clone();
+        self.spool = Some(OpenSpool::new(spool, coordinator));
+        self
     }
 
     /// The name it goes by at the coordinator.
     #[must_use]
     pub fn id(&self) -> &WorkerId {
-        &self.id
+        &self.identity.worker
     }
 
     /// Works until `stop` is cancelled; then hands back what waits and what runs, and returns within about 5 s.
     ///
-    /// A coordinator that is away is waited for, with the finished runs in memory.
+    /// A coordinator that is away is waited for; what was claimed is run meanwhile.
     ///
     /// # Errors
     /// See [`WorkerError`]: the worker ended without being told to.
     pub async fn run(self, stop: CancellationToken) -> Result<Summary, WorkerError> {
-        let shared = Arc::new(Shared::new(self.config.threads));
+        let shared = Arc::new(Shared::new(self.config.threads, self.spool.is_some()));
         let pool = Pool::new(self.config.threads, Arc::clone(&shared), Arc::clone(&self.runner))
             .map_err(|error| WorkerError::NoThreads(error.to_string()))?;
-        let conversation = Conversation::new(Arc::clone(&self.link), self.id.clone(), self.hello());
+        let conversation = Conversation::new(Arc::clone(&self.link), self.identity.clone(), self.hello());
         let welcome = match conversation.say_hello(&stop).await {
             Ok(welcome) => welcome,
             Err(AskError::GivenUp) => return Ok(Summary::default()),
             Err(error) => return Err(error.into()),
         };
-        tracing::info!(worker = %self.id, threads = self.config.threads, "worker started");
+        tracing::info!(worker = %self.id(), threads = self.config.threads, "worker started");
+        let mut summary = match &self.spool {
+            Some(spool) => deliver_spooled(&conversation, self.config.engine, spool, &stop).await?,
+            None => Summary::default(),
+        };
         let renewals = renew_leases(&conversation, welcome.renew_every_ms, &shared);
-        let summary = tokio::select! {
+        summary += tokio::select! {
             ended = self.converse(&conversation, &shared, &pool, &stop) => ended?,
             () = renewals => Summary::default(),
         };
-        tracing::info!(worker = %self.id, done = summary.done, handed_back = summary.handed_back, "worker stopped");
+        tracing::info!(worker = %self.id(), done = summary.done, handed_back = summary.handed_back, "worker stopped");
         Ok(summary)
     }
 
@@ -153,16 +182,24 @@ impl<R: Runner> Worker<R> {
             let _halts_when_dropped = halt.clone().drop_guard();
             let ended = claim_jobs(conversation, engine, shared, pool, &halt).await;
             shared.board().claims_ended();
-            shared.ended.notify_one();
+            shared.ring_ended();
             ended
         };
         let reports = async {
             let _halts_when_dropped = halt.clone().drop_guard();
-            report_runs(conversation, engine, shared, &too_late).await
+            let ended = report_runs(conversation, engine, shared, &too_late).await;
+            shared.board().reports_ended();
+            shared.ring_ended();
+            ended
         };
-        let both = async { tokio::join!(claims, reports) };
-        let (claimed, reported) = tokio::select! {
-            ended = both => ended,
+        let spooling = async {
+            if let Some(spool) = &self.spool {
+                spool_runs(spool, shared).await;
+            }
+        };
+        let all = async { tokio::join!(claims, reports, spooling) };
+        let (claimed, reported, ()) = tokio::select! {
+            ended = all => ended,
             never = wind_down(shared, &halt, &too_late) => match never {},
         };
         shared.board().close();
@@ -179,10 +216,10 @@ async fn wind_down<S>(
 ) -> std::convert::Infallible {
     halt.cancelled().await;
     shared.board().close();
-    shared.ended.notify_one();
+    shared.ring_ended();
     tokio::time::sleep(STOP_WITHIN).await;
     shared.board().abandon();
-    shared.ended.notify_one();
+    shared.ring_ended();
     tokio::time::sleep(STOP_WITHIN).await;
     tracing::warn!("leaving without the coordinator's acknowledgement");
     too_late.cancel();
@@ -193,6 +230,7 @@ impl From<AskError> for WorkerError {
     fn from(error: AskError) -> Self {
         match error {
             AskError::Refused(refusal) => Self::Refused(refusal),
+            AskError::OtherCoordinator(other) => Self::OtherCoordinator(other),
             AskError::Closed | AskError::GivenUp => Self::LinkClosed,
         }
     }

@@ -4,6 +4,9 @@
 //! Zenoh 1.10 behaves: a client that was given its endpoint connects again after a break, one that found it by
 //! scouting does not, so the search only finds the endpoint and the session is then opened with it; a coordinator
 //! that is away, or a link that breaks, shows as no reply at once, which tells nothing of what was done.
+//!
+//! A link belongs to one coordinator. One that was found by scouting may come back elsewhere, so that it is scouted
+//! for again; meanwhile another one is not taken for it before all leases of the old one ran out.
 
 mod discovery;
 mod session;
@@ -13,11 +16,13 @@ use std::time::Duration;
 use async_trait::async_trait;
 use furrow_schema::id::WorkerId;
 use furrow_schema::protocol::{
-    Call, Claim, DEFAULT_NAMESPACE, Hello, Leases, Method, Recorded, Renew, Renewed, Reply, Report, Welcome, key,
+    Call, Claim, DEFAULT_NAMESPACE, Hello, LEASE_MS, Leases, Method, Recorded, Renew, Renewed, Reply, Report, Welcome,
+    key,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tokio::sync::Mutex;
+use tokio::time::Instant;
 use zenoh::Session;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
@@ -28,6 +33,9 @@ use crate::link::{Link, LinkError};
 const QUERY_TIMEOUT: Duration = Duration::from_secs(10);
 /// How long [`ZenohLink::connect`] looks for a coordinator, unless told otherwise.
 const DEFAULT_PATIENCE: Duration = Duration::from_secs(5);
+/// A coordinator that was found by scouting is waited for so long before another one is taken: by then nothing that it
+/// handed out is this worker's any more.
+const FAITHFUL_FOR: Duration = Duration::from_millis(LEASE_MS.unsigned_abs());
 
 /// Where to look for a coordinator.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -83,18 +91,19 @@ pub enum ConnectError {
     Session(String),
 }
 
-/// A link to one coordinator. After a break it connects again by itself, and looks up who serves there.
+/// A link to one coordinator. After a break it connects again by itself, wherever the coordinator is then.
 pub struct ZenohLink {
-    session: Session,
-    namespace: String,
+    config: ConnectConfig,
+    coordinator: String,
+    faithful_for: Duration,
     state: Mutex<State>,
 }
 
-/// What is known of the other side.
+/// How the coordinator is reached.
 struct State {
-    coordinator: String,
-    /// Set when a question had no answer: perhaps another coordinator serves there now.
-    doubtful: bool,
+    session: Session,
+    /// Since when questions have no answer: the coordinator may be elsewhere, or another in its place.
+    away_since: Option<Instant>,
     /// Tells the coordinator at once when this process dies.
     token: Option<(WorkerId, LivelinessToken)>,
 }
@@ -107,22 +116,22 @@ impl ZenohLink {
     pub async fn connect(config: ConnectConfig) -> Result<Self, ConnectError> {
         let found = discovery::find(&config).await?;
         tracing::info!(endpoint = found.endpoint, coordinator = found.coordinator, "connected");
-        let state = State { coordinator: found.coordinator, doubtful: false, token: None };
-        Ok(Self { session: found.session, namespace: config.namespace, state: Mutex::new(state) })
+        let state = Mutex::new(State { session: found.session, away_since: None, token: None });
+        Ok(Self { config, coordinator: found.coordinator, faithful_for: FAITHFUL_FOR, state })
     }
 
     /// The coordinator's id.
-    pub async fn coordinator(&self) -> String {
-        self.state.lock().await.coordinator.clone()
+    #[must_use]
+    pub fn coordinator(&self) -> &str {
+        &self.coordinator
     }
 
     /// Says goodbye: the coordinator sees the worker leave. Without it, dropping the link does the same a little
     /// later.
     pub async fn close(&self) {
-        self.state.lock().await.token = None;
-        if let Err(error) = self.session.close().await {
-            tracing::debug!(%error, "closing the session");
-        }
+        let mut state = self.state.lock().await;
+        state.token = None;
+        close(&state.session).await;
     }
 
     async fn ask<Q: Serialize, A: DeserializeOwned>(
@@ -130,62 +139,93 @@ impl ZenohLink {
         method: Method,
         call: &Call<Q>,
     ) -> Result<Reply<A>, LinkError> {
-        if self.session.is_closed() {
-            return Err(LinkError::Closed);
-        }
-        let coordinator = self.sure_coordinator().await;
-        let answer = self.query(&key(&self.namespace, &coordinator, method), call).await;
+        let session = self.sure_session().await?;
+        let answer = query(&session, &key(&self.config.namespace, &self.coordinator, method), call).await;
         if matches!(answer, Err(LinkError::NoAnswer(_))) {
-            self.state.lock().await.doubtful = true;
+            self.state.lock().await.away_since.get_or_insert_with(Instant::now);
         }
         answer
     }
 
-    async fn query<Q: Serialize, A: DeserializeOwned>(&self, key: &str, call: &Call<Q>) -> Result<Reply<A>, LinkError> {
-        let question = serde_json::to_vec(call).map_err(|error| LinkError::Unreadable(error.to_string()))?;
-        let replies = self
-            .session
-            .get(key)
-            .payload(question)
-            .consolidation(ConsolidationMode::None)
-            .timeout(QUERY_TIMEOUT)
-            .await
-            .map_err(|error| LinkError::NoAnswer(error.to_string()))?;
-        let nobody = |_| LinkError::NoAnswer("nobody is there, or the link broke".to_owned());
-        let reply = replies.recv_async().await.map_err(nobody)?;
-        match reply.result() {
-            Ok(sample) => serde_json::from_slice(&sample.payload().to_bytes())
-                .map_err(|error| LinkError::Unreadable(error.to_string())),
-            Err(error) => Err(LinkError::NoAnswer(String::from_utf8_lossy(&error.payload().to_bytes()).into_owned())),
+    /// The session to ask over: looked at first if the last question had no answer.
+    async fn sure_session(&self) -> Result<Session, LinkError> {
+        let mut state = self.state.lock().await;
+        if state.session.is_closed() {
+            return Err(LinkError::Closed);
         }
+        if let Some(since) = state.away_since {
+            self.look(&mut state, since).await?;
+        }
+        Ok(state.session.clone())
     }
 
-    /// The coordinator to ask: looked up again if the last question had no answer.
-    async fn sure_coordinator(&self) -> String {
-        let mut state = self.state.lock().await;
-        if state.doubtful {
-            let found = session::coordinators(&self.session, &self.namespace).await;
-            if let Some(new) = found.first().filter(|_| !found.contains(&state.coordinator)) {
-                tracing::info!(coordinator = new, "another coordinator serves here now");
-                state.coordinator.clone_from(new);
-                state.token = None;
+    /// Looks for the coordinator where it was, and elsewhere if that is how it was found.
+    async fn look(&self, state: &mut State, since: Instant) -> Result<(), LinkError> {
+        let here = session::coordinators(&state.session, &self.config.namespace).await;
+        if here.contains(&self.coordinator) {
+            state.away_since = None;
+        } else if let Some(other) = here.into_iter().next() {
+            return Err(LinkError::OtherCoordinator(other));
+        } else if self.config.endpoint.is_none() {
+            let mut others = discovery::scouted(&self.config).await;
+            if let Some(own) = others.iter().position(|found| found.coordinator == self.coordinator) {
+                self.move_to(others.swap_remove(own), state).await;
+            } else if let ([other], true) = (others.as_slice(), since.elapsed() >= self.faithful_for) {
+                return Err(LinkError::OtherCoordinator(other.coordinator.clone()));
             }
-            state.doubtful = found.is_empty();
         }
-        state.coordinator.clone()
+        Ok(())
+    }
+
+    /// Goes on where the coordinator is now.
+    async fn move_to(&self, found: discovery::Found, state: &mut State) {
+        tracing::info!(endpoint = found.endpoint, coordinator = self.coordinator, "the coordinator is elsewhere now");
+        let old = std::mem::replace(&mut state.session, found.session);
+        state.away_since = None;
+        if let Some((worker, _)) = state.token.take() {
+            self.show_life(&worker, state).await;
+        }
+        tokio::spawn(async move { close(&old).await });
     }
 
     /// Shows the coordinator that the worker lives, for as long as this link does.
-    async fn show_life(&self, worker: &WorkerId) {
-        let mut state = self.state.lock().await;
+    async fn show_life(&self, worker: &WorkerId, state: &mut State) {
         if state.token.as_ref().is_some_and(|(shown, _)| shown == worker) {
             return;
         }
-        let key = session::worker_key(&self.namespace, &state.coordinator, worker);
-        match self.session.liveliness().declare_token(key).await {
+        let key = session::worker_key(&self.config.namespace, &self.coordinator, worker);
+        match state.session.liveliness().declare_token(key).await {
             Ok(token) => state.token = Some((worker.clone(), token)),
             Err(error) => tracing::warn!(%error, "the coordinator will notice this worker's end only by its leases"),
         }
+    }
+}
+
+async fn close(session: &Session) {
+    if let Err(error) = session.close().await {
+        tracing::debug!(%error, "closing the session");
+    }
+}
+
+async fn query<Q: Serialize, A: DeserializeOwned>(
+    session: &Session,
+    key: &str,
+    call: &Call<Q>,
+) -> Result<Reply<A>, LinkError> {
+    let question = serde_json::to_vec(call).map_err(|error| LinkError::Unreadable(error.to_string()))?;
+    let replies = session
+        .get(key)
+        .payload(question)
+        .consolidation(ConsolidationMode::None)
+        .timeout(QUERY_TIMEOUT)
+        .await
+        .map_err(|error| LinkError::NoAnswer(error.to_string()))?;
+    let nobody = |_| LinkError::NoAnswer("nobody is there, or the link broke".to_owned());
+    let reply = replies.recv_async().await.map_err(nobody)?;
+    match reply.result() {
+        Ok(sample) => serde_json::from_slice(&sample.payload().to_bytes())
+            .map_err(|error| LinkError::Unreadable(error.to_string())),
+        Err(error) => Err(LinkError::NoAnswer(String::from_utf8_lossy(&error.payload().to_bytes()).into_owned())),
     }
 }
 
@@ -194,7 +234,8 @@ impl Link for ZenohLink {
     async fn hello(&self, call: Call<Hello>) -> Result<Reply<Welcome>, LinkError> {
         let answer = self.ask(Method::Hello, &call).await;
         if matches!(answer, Ok(Reply::Ok(_))) {
-            self.show_life(&call.worker).await;
+            let mut state = self.state.lock().await;
+            self.show_life(&call.worker, &mut state).await;
         }
         answer
     }

@@ -133,7 +133,7 @@ mod tests {
             "furrow run guyonneau2022/algorithm-5 --seeds 3 --only algorithm=rgop|rg --only field=crop-2 --set a.b=1",
             "furrow run my.json --vary a.b=1,2 --field f.json --db x.db --threads 2 --timing --record --json",
             "furrow serve --db x.db --http 127.0.0.1:0 --zenoh tcp/127.0.0.1:0 --threads 0 --max-attempts 3",
-            "furrow work --connect tcp/127.0.0.1:7447 --threads 4 --name barn",
+            "furrow work --connect tcp/127.0.0.1:7447 --threads 4 --name barn --spool /var/spool --spool-mb 64",
             "furrow work",
             "furrow plans guyonneau2022/bounds --json",
             "furrow submit guyonneau2022/bounds --url http://127.0.0.1:1 --name night --priority -3 --json",

@@ -42,7 +42,8 @@ pub(super) struct ServeArgs {
 pub(super) async fn run(args: ServeArgs) -> Result<(), CliError> {
     let listener = listen(args.http).await?;
     let stop = stop::on_signals()?;
-    let config = Config { max_attempts: args.max_attempts, ..Config::new(crate::engine()) };
+    let leases_hold_for = Config::WORKERS_ARE_BACK_WITHIN;
+    let config = Config { max_attempts: args.max_attempts, leases_hold_for, ..Config::new(crate::engine()) };
     let farm = Farm::start(open(&args.db).await?, config, args.threads as usize);
     serve(listener, &args.zenoh, farm, stop).await
 }

@@ -1,8 +1,12 @@
 //! `furrow work`: lend this machine's cores to a coordinator.
 
-use std::sync::Arc;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
 
-use furrow_worker::{Config, ConnectConfig, ConnectError, Worker, WorkerError, ZenohLink};
+use furrow_worker::{
+    Config, ConnectConfig, ConnectError, Spool, SpoolError, Summary, Worker, WorkerError, ZenohLink, spool,
+};
+use tokio_util::sync::CancellationToken;
 
 use super::error::CliError;
 use super::{output, stop, threads};
@@ -19,10 +23,18 @@ pub(super) struct WorkArgs {
     /// A name for people; the host's if not given
     #[arg(long)]
     name: Option<String>,
+    /// Where finished runs are kept until the coordinator has them; each worker takes a folder of its own in it.
+    /// Without it, furrow/spool in $XDG_STATE_HOME or ~/.local/state
+    #[arg(long, value_name = "DIR")]
+    spool: Option<PathBuf>,
+    /// A worker keeps so much there, and takes on nothing more until there is room again
+    #[arg(long, value_name = "MB", default_value_t = Spool::DEFAULT_LIMIT_BYTES >> 20, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    spool_mb: u64,
 }
 
 /// # Errors
-/// Bad input: there is no coordinator, or it runs another engine. Otherwise the link or the threads fail.
+/// Bad input: there is no coordinator, it runs another engine, or the spool cannot be used. Otherwise the link or the
+/// threads fail.
 pub(super) async fn run(args: WorkArgs) -> Result<(), CliError> {
     let stop = stop::on_signals()?;
     let host = Config::of_this_host();
@@ -31,16 +43,40 @@ pub(super) async fn run(args: WorkArgs) -> Result<(), CliError> {
         threads: args.threads.map_or(host.threads, |threads| threads as usize),
         engine: crate::engine(),
     };
-    let connecting = ZenohLink::connect(ConnectConfig { endpoint: args.connect, ..ConnectConfig::default() });
-    let link = tokio::select! {
-        link = connecting => Arc::new(link?),
-        () = stop.cancelled() => return Ok(()),
-    };
-    let ended = Worker::new(link.clone(), config).run(stop).await;
-    link.close().await;
-    let summary = ended?;
+    let place = args.spool.map_or_else(spool::default_place, Ok)?;
+    let spool = Arc::new(Mutex::new(Spool::open(&place, config.engine, args.spool_mb << 20)?));
+    let connect = ConnectConfig { endpoint: args.connect, ..ConnectConfig::default() };
+    let summary = work(connect, &config, &spool, &stop).await?;
     output::note(&format!("furrow: {} runs done, {} panicked", summary.done, summary.panicked));
     Ok(())
+}
+
+/// Works for one coordinator, and for another when that one is in its place, until told to stop.
+async fn work(
+    mut connect: ConnectConfig,
+    config: &Config,
+    spool: &Arc<Mutex<Spool>>,
+    stop: &CancellationToken,
+) -> Result<Summary, CliError> {
+    let mut summary = Summary::default();
+    while let Some(link) = stop.run_until_cancelled(ZenohLink::connect(connect.clone())).await {
+        let link = Arc::new(link?);
+        let worker = Worker::new(link.clone(), config.clone()).spooling(Arc::clone(spool), link.coordinator());
+        let ended = worker.run(stop.clone()).await;
+        link.close().await;
+        match ended {
+            Ok(last) => {
+                summary += last;
+                break;
+            }
+            Err(WorkerError::OtherCoordinator(coordinator)) => {
+                tracing::warn!(coordinator, "another coordinator is in the old one's place: working for it");
+                connect.patience = None;
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(summary)
 }
 
 impl From<ConnectError> for CliError {
@@ -57,6 +93,15 @@ impl From<WorkerError> for CliError {
         match error {
             WorkerError::Refused(_) => Self::BadInput(error.to_string()),
             _ => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+impl From<SpoolError> for CliError {
+    fn from(error: SpoolError) -> Self {
+        match error {
+            SpoolError::Folder { .. } | SpoolError::NoPlace => Self::BadInput(error.to_string()),
+            SpoolError::Full { .. } | SpoolError::Disk(_) => Self::Failed(error.to_string()),
         }
     }
 }

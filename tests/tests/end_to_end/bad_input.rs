@@ -168,3 +168,10 @@ async fn without_a_server_a_client_says_where_it_looked() {
     assert_eq!(finished.code, Some(1), "{finished:?}");
     assert!(finished.stderr.contains(&url), "{finished:?}");
 }
+
+#[tokio::test]
+async fn a_spool_that_cannot_be_one_is_named() {
+    let directory = directory();
+    let file = text_file(&directory, "taken", "");
+    refused(&["work", "--spool", &file], &["--spool", &file]).await;
+}

@@ -12,4 +12,5 @@ mod process;
 mod same_bits;
 mod server;
 mod stopping;
+mod survival;
 mod use_of_results;

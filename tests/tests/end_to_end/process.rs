@@ -35,6 +35,8 @@ fn program() -> PathBuf {
 fn furrow(args: &[&str]) -> Command {
     let mut command = Command::new(program());
     command.args(args).env_remove("FURROW_LOG").env_remove("RUST_BACKTRACE").stdin(Stdio::null()).kill_on_drop(true);
+    // The user's own state is left alone.
+    command.env("XDG_STATE_HOME", env!("CARGO_TARGET_TMPDIR"));
     command
 }
 

@@ -25,6 +25,8 @@ pub(crate) struct Server {
     pub(crate) url: String,
     /// Where workers connect, such as `tcp/127.0.0.1:7447`.
     pub(crate) endpoint: String,
+    /// Where workers keep their finished runs: beside the database.
+    pub(crate) spool: String,
     client: Client,
     _stdout: Lines<BufReader<ChildStdout>>,
 }
@@ -45,12 +47,13 @@ impl Server {
         let mut process = Running::start(&args);
         let mut stdout = BufReader::new(process.child.stdout.take().expect("it is piped")).lines();
         let (url, endpoint) = timeout(READY_WITHIN, announced(&mut stdout)).await.expect("furrow serve is not ready");
-        Self { process, url, endpoint, client: Client::new(), _stdout: stdout }
+        let spool = format!("{db}.spool");
+        Self { process, url, endpoint, spool, client: Client::new(), _stdout: stdout }
     }
 
     /// Starts a worker process with one thread.
     pub(crate) fn worker(&self) -> Running {
-        Running::start(&["work", "--connect", &self.endpoint, "--threads", "1"])
+        Running::start(&["work", "--connect", &self.endpoint, "--threads", "1", "--spool", &self.spool])
     }
 
     /// What `path` answers, good or bad.
@@ -112,6 +115,12 @@ impl Server {
         let page = self.json(&format!("/v1/jobs?sweep={sweep}&limit=1000")).await;
         assert_eq!(page["next"], Value::Null, "these tests fit one page");
         page["items"].as_array().unwrap().clone()
+    }
+
+    /// How often each job of a sweep was handed out, by its number.
+    pub(crate) async fn attempts(&self, sweep: i64) -> BTreeMap<i64, u64> {
+        let attempts = |job: &Value| (job["id"].as_i64().unwrap(), job["attempts"].as_u64().unwrap());
+        self.jobs(sweep).await.iter().map(attempts).collect()
     }
 
     /// The digest of every run of a sweep.

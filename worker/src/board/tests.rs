@@ -22,7 +22,7 @@ fn alone(job: i64) -> LeasedJob {
 }
 
 fn board_with(threads: usize, leases: impl IntoIterator<Item = LeasedJob>) -> Board<()> {
-    let mut board = Board::new(threads);
+    let mut board = Board::new(threads, false);
     leases.into_iter().for_each(|lease| board.add(lease, scenario()));
     board
 }
@@ -169,7 +169,7 @@ fn a_run_that_ends_after_it_was_abandoned_is_not_reported_twice() {
 
 #[test]
 fn a_job_without_its_scenario_is_charged_with_the_reason() {
-    let mut board = Board::<()>::new(1);
+    let mut board = Board::<()>::new(1, false);
     board.add(lease(1), None);
     let ended = board.take_ended().remove(0).ended;
     assert!(matches!(ended, RunEnd::Panicked { message } if message.contains("scenario 1")));
@@ -186,4 +186,69 @@ fn a_report_stays_within_its_size_and_holds_at_least_one_run() {
     }
     let sizes: Vec<usize> = (0..4).map(|_| board.take_ended().len()).collect();
     assert_eq!(sizes, [1, 1, 1, 0]);
+}
+
+fn spooling_board() -> Board<()> {
+    let mut board = Board::new(1, true);
+    (1..=3).for_each(|job| board.add(lease(job), scenario()));
+    (1..=3).for_each(|_| run_one(&mut board, Duration::ZERO));
+    board
+}
+
+#[test]
+fn an_ended_run_is_spooled_before_it_is_reported_and_forgotten_there_afterwards() {
+    let mut board = spooling_board();
+    assert_eq!(board.take_ended(), []);
+    let (runs, acknowledged) = board.take_for_spool().unwrap();
+    assert_eq!((runs.len(), acknowledged.len()), (3, 0));
+    assert!(board.take_for_spool().is_none() && board.take_ended().is_empty());
+    board.spooled(runs, 3);
+    let reported = board.take_ended();
+    board.forget(&reported);
+    let (runs, acknowledged) = board.take_for_spool().unwrap();
+    assert_eq!((runs.len(), acknowledged), (0, vec![(JobId(1), 1), (JobId(2), 1), (JobId(3), 1)]));
+}
+
+#[test]
+fn nothing_is_claimed_while_a_run_is_in_memory_only() {
+    let mut board = spooling_board();
+    let (runs, _) = board.take_for_spool().unwrap();
+    board.spooled(runs, 1);
+    assert_eq!(board.want(), 0);
+    let reported = board.take_ended();
+    assert_eq!(reported.len(), 3, "all of them are reported");
+    board.forget(&reported[..2]);
+    assert_eq!(board.want(), 0);
+    board.forget(&reported[2..]);
+    assert_eq!(board.want(), MAX_CLAIM);
+    assert_eq!(board.take_for_spool().unwrap().1, [(JobId(1), 1)], "the spool knows of one only");
+}
+
+#[test]
+fn a_board_is_drained_when_the_spool_gave_all_runs_back_and_spooled_when_it_was_told_their_fate() {
+    let mut board = spooling_board();
+    let (runs, _) = board.take_for_spool().unwrap();
+    board.close();
+    board.claims_ended();
+    assert!(board.is_idle() && !board.is_drained());
+    board.spooled(runs, 3);
+    let reported = board.take_ended();
+    assert!(board.is_drained() && !board.is_spooled());
+    board.forget(&reported);
+    board.reports_ended();
+    assert!(!board.is_spooled());
+    board.take_for_spool();
+    assert!(board.is_spooled());
+}
+
+#[test]
+fn what_is_handed_back_does_not_pass_through_the_spool() {
+    let mut board: Board<()> = Board::new(1, true);
+    board.add(lease(1), scenario());
+    board.close();
+    assert!(board.take_for_spool().is_none());
+    let reported = board.take_ended();
+    assert_eq!(reported[0].ended, RunEnd::HandedBack);
+    board.forget(&reported);
+    assert!(board.take_for_spool().is_none());
 }

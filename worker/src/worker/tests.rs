@@ -17,12 +17,34 @@ struct Life {
 
 impl Life {
     fn begin(queue: Arc<Queue>, threads: usize) -> Self {
+        Self::begin_as(queue, threads, |worker| worker)
+    }
+
+    /// A life of the worker to which `spool` belongs, with the coordinator of that name.
+    fn begin_spooling(queue: &Arc<Queue>, spool: &Arc<Mutex<Spool>>, coordinator: &str) -> Self {
+        Self::begin_as(Arc::clone(queue), 1, |worker| worker.spooling(Arc::clone(spool), coordinator))
+    }
+
+    fn begin_as(
+        queue: Arc<Queue>,
+        threads: usize,
+        change: impl FnOnce(Worker<Arc<Arithmetic>>) -> Worker<Arc<Arithmetic>>,
+    ) -> Self {
         let config = Config { name: "host".to_owned(), threads, engine: ENGINE };
         let arithmetic = Arc::new(Arithmetic::new());
         let stop = CancellationToken::new();
-        let worker = Worker::with_runner(queue, config, Arc::clone(&arithmetic));
+        let worker = change(Worker::with_runner(queue, config, Arc::clone(&arithmetic)));
         let worker = tokio::spawn(worker.run(stop.clone()));
         Self { arithmetic, stop, worker }
+    }
+
+    /// Ends it without a word, as a kill does, and gives up its folder.
+    async fn kill(self, spool: Arc<Mutex<Spool>>) {
+        self.worker.abort();
+        assert!(self.worker.await.unwrap_err().is_cancelled());
+        while Arc::strong_count(&spool) > 1 {
+            tokio::task::yield_now().await;
+        }
     }
 
     async fn end(self) -> Summary {
@@ -244,4 +266,116 @@ async fn the_way_to_a_coordinator_that_was_away_is_found_again() {
     queue.with(|state| state.away = false);
     queue.ends(3).await;
     assert_eq!(life.end().await.done, 3);
+}
+
+fn spool(place: &tempfile::TempDir, limit_bytes: u64) -> Arc<Mutex<Spool>> {
+    Arc::new(Mutex::new(Spool::open(place.path(), ENGINE, limit_bytes).unwrap()))
+}
+
+fn waiting(spool: &Mutex<Spool>) -> usize {
+    spool.lock().unwrap().waiting().len()
+}
+
+#[tokio::test]
+async fn runs_that_a_killed_worker_finished_are_delivered_by_its_next_life_before_it_claims() {
+    let (queue, place) = (queue(), tempfile::tempdir().unwrap());
+    queue.submit(r#"{"sum": 3}"#, 1..=3);
+    queue.with(|state| state.deaf_to_reports = true);
+    let kept = spool(&place, Spool::DEFAULT_LIMIT_BYTES);
+    let life = Life::begin_spooling(&queue, &kept, "c1");
+    queue.until(|_| (waiting(&kept) == 3).then_some(())).await;
+    life.kill(kept).await;
+
+    let claims = queue.until(|state| Some(state.claims.len())).await;
+    queue.with(|state| state.deaf_to_reports = false);
+    let kept = spool(&place, Spool::DEFAULT_LIMIT_BYTES);
+    let life = Life::begin_spooling(&queue, &kept, "c1");
+    let delivered = queue.until(|state| (state.claims.len() > claims).then_some(state.ended.len())).await;
+    assert_eq!(delivered, 3);
+    assert_eq!(life.end().await, Summary { done: 3, ..Summary::default() });
+    assert_eq!(waiting(&kept), 0);
+    queue.with(|state| {
+        assert!(state.workers.len() == 2 && state.workers[0] == state.workers[1], "it is the same worker")
+    });
+}
+
+#[tokio::test]
+async fn a_worker_with_a_spool_does_every_job_once_and_leaves_nothing_in_it() {
+    let (queue, place) = (queue(), tempfile::tempdir().unwrap());
+    queue.submit(r#"{"sum": 3}"#, 1..=500);
+    queue.submit(r#""panic""#, 501..=501);
+    queue.with(|state| state.lost_answers = 2);
+    let kept = spool(&place, Spool::DEFAULT_LIMIT_BYTES);
+    let life = Life::begin_spooling(&queue, &kept, "c1");
+    assert_eq!(queue.ends(501).await.len(), 501);
+    assert_eq!(life.end().await, Summary { done: 500, panicked: 1, ..Summary::default() });
+    assert_eq!(waiting(&kept), 0);
+}
+
+#[tokio::test]
+async fn a_worker_whose_spool_is_full_goes_on_when_its_runs_are_acknowledged() {
+    let (queue, place) = (queue(), tempfile::tempdir().unwrap());
+    queue.submit(r#"{"sum": 3}"#, 1..=2_000);
+    queue.with(|state| state.deaf_to_reports = true);
+    let kept = spool(&place, 4_000);
+    let life = Life::begin_spooling(&queue, &kept, "c1");
+    let held = |state: &State| state.renewals.iter().map(|renewal| renewal.held.len()).collect::<Vec<_>>();
+    let settled = |held: &[usize]| held.iter().filter(|held| **held > 100).count() > 3;
+    let held = queue.until(|state| Some(held(state)).filter(|held| settled(held))).await;
+    assert!(
+        held.iter().all(|held| *held < 600),
+        "two batches at the most, and not all the 1,000 that it may hold: {held:?}"
+    );
+    queue.with(|state| state.deaf_to_reports = false);
+    assert_eq!(queue.ends(2_000).await.len(), 2_000);
+    assert_eq!(life.end().await.done, 2_000);
+    assert_eq!(waiting(&kept), 0);
+}
+
+#[tokio::test]
+async fn what_one_coordinator_handed_out_is_not_told_to_another() {
+    let (first, second, place) = (queue(), queue(), tempfile::tempdir().unwrap());
+    first.submit(r#"{"sum": 3}"#, 1..=1);
+    first.with(|state| state.deaf_to_reports = true);
+    let kept = spool(&place, Spool::DEFAULT_LIMIT_BYTES);
+    let life = Life::begin_spooling(&first, &kept, "c1");
+    first.until(|_| (waiting(&kept) == 1).then_some(())).await;
+    first.with(|state| {
+        state.deaf_to_reports = false;
+        state.replaced_by = Some("c2".to_owned());
+    });
+    let ended = life.worker.await.unwrap();
+    assert!(matches!(&ended, Err(WorkerError::OtherCoordinator(other)) if other == "c2"), "{ended:?}");
+
+    second.submit(r#"{"sum": 9}"#, 1..=1);
+    let life = Life::begin_spooling(&second, &kept, "c2");
+    let ends = second.ends(1).await;
+    assert_eq!(life.end().await.done, 1);
+    second.with(|state| assert_eq!(state.ended.len(), 1));
+    assert_eq!(waiting(&kept), 1, "the first one's run waits for it");
+
+    first.with(|state| state.replaced_by = None);
+    let life = Life::begin_spooling(&first, &kept, "c1");
+    assert_ne!(first.ends(1).await, ends);
+    life.end().await;
+}
+
+#[tokio::test]
+async fn a_worker_goes_on_computing_while_the_coordinator_is_away() {
+    let (queue, place) = (queue(), tempfile::tempdir().unwrap());
+    queue.submit(r#""meet""#, 1..=1);
+    queue.submit(r#"{"sum": 3}"#, 2..=2);
+    let kept = spool(&place, Spool::DEFAULT_LIMIT_BYTES);
+    let life = Life::begin_spooling(&queue, &kept, "c1");
+    let holds_both = |state: &State| {
+        let both = |renewal: &furrow_schema::protocol::Renew| renewal.held.len() == 2 && renewal.held[0].running;
+        state.renewals.iter().any(both).then_some(())
+    };
+    queue.until(holds_both).await;
+    queue.with(|state| state.away = true);
+    life.arithmetic.meet();
+    queue.until(|_| (waiting(&kept) == 2).then_some(())).await;
+    queue.with(|state| state.away = false);
+    assert_eq!(queue.ends(2).await.len(), 2);
+    life.end().await;
 }

@@ -15,6 +15,8 @@ use super::{ConnectConfig, ConnectError};
 const STRAGGLERS: Duration = Duration::from_millis(300);
 /// Pause between two looks at an endpoint where no coordinator serves yet.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// A coordinator that is there answers a scout within this time.
+const ROUND: Duration = Duration::from_millis(1_500);
 /// The one transport that is compiled in.
 const PROTOCOL: &str = "tcp";
 
@@ -93,10 +95,7 @@ fn check_endpoint(endpoint: &str) -> Result<(), ConnectError> {
 /// Scouts again and again, and asks whoever answers whether it is a coordinator of the namespace.
 async fn by_scouting(config: &ConnectConfig) -> Result<Found, ConnectError> {
     loop {
-        let mut found = Vec::new();
-        for locators in scout(config.lan).await?.into_values() {
-            found.extend(coordinator_at(&locators, &config.namespace).await);
-        }
+        let mut found = coordinators_among(scout(config.lan).await?, &config.namespace).await;
         match found.len() {
             0 => tokio::time::sleep(LOOK_AGAIN).await,
             1 => return Ok(found.remove(0)),
@@ -106,6 +105,27 @@ async fn by_scouting(config: &ConnectConfig) -> Result<Found, ConnectError> {
             }
         }
     }
+}
+
+/// Scouts once, for a short time: every coordinator of the namespace that answers.
+pub(super) async fn scouted(config: &ConnectConfig) -> Vec<Found> {
+    match timeout(ROUND, scout(config.lan)).await {
+        Ok(Ok(answers)) => coordinators_among(answers, &config.namespace).await,
+        Ok(Err(error)) => {
+            tracing::debug!(%error, "cannot scout");
+            Vec::new()
+        }
+        Err(_) => Vec::new(),
+    }
+}
+
+/// Asks everybody who answered a scout.
+async fn coordinators_among(answers: BTreeMap<String, Vec<String>>, namespace: &str) -> Vec<Found> {
+    let mut found = Vec::new();
+    for locators in answers.into_values() {
+        found.extend(coordinator_at(&locators, namespace).await);
+    }
+    found
 }
 
 /// The locators of everybody who answers, by Zenoh id. Waits for the first, and a little for the others.

@@ -90,7 +90,7 @@ fn own_endpoint() -> String {
 async fn questions_are_answered_refused_or_unreadable() {
     let coordinator = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
     let link = ZenohLink::connect(coordinator.config()).await.unwrap();
-    assert_eq!(link.coordinator().await, "c1");
+    assert_eq!(link.coordinator(), "c1");
     assert!(matches!(link.claim(claim()).await, Ok(Reply::Ok(Leases { retry_after_ms: 7, .. }))));
     let report = call(Report { engine: EngineId([1; 32]), runs: Vec::new() });
     assert_eq!(link.result(report).await, Ok(Reply::Refused(Refusal::BadCredential)));
@@ -102,7 +102,7 @@ async fn a_coordinator_is_found_by_scouting_among_others() {
     let _other = Coordinator::serve(&own_namespace(), "other", &own_endpoint()).await;
     let coordinator = Coordinator::serve(&own_namespace(), "wanted", &own_endpoint()).await;
     let link = ZenohLink::connect(ConnectConfig { endpoint: None, ..coordinator.config() }).await.unwrap();
-    assert_eq!(link.coordinator().await, "wanted");
+    assert_eq!(link.coordinator(), "wanted");
     assert!(link.claim(claim()).await.is_ok());
 }
 
@@ -151,22 +151,71 @@ async fn malformed_endpoints_and_namespaces_are_named() {
     }
 }
 
+/// Asks until there is an answer, or another coordinator.
+async fn answer_in_the_end(link: &ZenohLink) -> Result<Reply<Leases>, LinkError> {
+    let answered = async {
+        loop {
+            match link.claim(claim()).await {
+                Err(LinkError::NoAnswer(_)) => tokio::task::yield_now().await,
+                answer => return answer,
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(10), answered).await.expect("the coordinator is back within 10 s")
+}
+
 #[tokio::test(flavor = "multi_thread")]
-async fn a_dead_coordinator_does_not_answer_and_its_successor_is_found_on_the_same_port() {
+async fn a_coordinator_that_went_away_is_reached_again_at_its_endpoint() {
     let first = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
     let (namespace, endpoint) = (first.namespace.clone(), first.endpoint.clone());
     let link = ZenohLink::connect(first.config()).await.unwrap();
     first.session.close().await.unwrap();
     assert!(matches!(link.claim(claim()).await, Err(LinkError::NoAnswer(_))));
+    let _again = Coordinator::serve(&namespace, "c1", &endpoint).await;
+    assert!(answer_in_the_end(&link).await.is_ok());
+}
 
-    let _second = Coordinator::serve(&namespace, "c2", &endpoint).await;
-    let answered = async {
-        while link.claim(claim()).await.is_err() {
-            tokio::task::yield_now().await;
-        }
-    };
-    tokio::time::timeout(Duration::from_secs(10), answered).await.unwrap();
-    assert_eq!(link.coordinator().await, "c2");
+#[tokio::test(flavor = "multi_thread")]
+async fn another_coordinator_at_the_same_endpoint_is_not_taken_for_the_old_one() {
+    let first = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
+    let (namespace, endpoint) = (first.namespace.clone(), first.endpoint.clone());
+    let link = ZenohLink::connect(first.config()).await.unwrap();
+    first.session.close().await.unwrap();
+    assert!(matches!(link.claim(claim()).await, Err(LinkError::NoAnswer(_))));
+    let _other = Coordinator::serve(&namespace, "c2", &endpoint).await;
+    assert_eq!(answer_in_the_end(&link).await, Err(LinkError::OtherCoordinator("c2".to_owned())));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_coordinator_that_was_found_by_scouting_is_found_again_on_another_port() {
+    let first = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
+    let namespace = first.namespace.clone();
+    let link = ZenohLink::connect(ConnectConfig { endpoint: None, ..first.config() }).await.unwrap();
+    let call = hello();
+    let worker = call.worker.clone();
+    link.hello(call).await.unwrap();
+    first.session.close().await.unwrap();
+    assert!(matches!(link.claim(claim()).await, Err(LinkError::NoAnswer(_))));
+
+    let again = Coordinator::serve(&namespace, "c1", &own_endpoint()).await;
+    let workers = again.workers().await;
+    assert!(answer_in_the_end(&link).await.is_ok());
+    let seen = workers.recv_async().await.unwrap();
+    assert_eq!(seen.key_expr().as_str().rsplit('/').next(), Some(worker.as_str()), "it shows that it lives");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_coordinator_is_taken_only_when_the_own_one_stays_away() {
+    let first = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
+    let namespace = first.namespace.clone();
+    let mut link = ZenohLink::connect(ConnectConfig { endpoint: None, ..first.config() }).await.unwrap();
+    first.session.close().await.unwrap();
+    let _other = Coordinator::serve(&namespace, "c2", &own_endpoint()).await;
+    for _ in 0..2 {
+        assert!(matches!(link.claim(claim()).await, Err(LinkError::NoAnswer(_))));
+    }
+    link.faithful_for = Duration::ZERO;
+    assert_eq!(answer_in_the_end(&link).await, Err(LinkError::OtherCoordinator("c2".to_owned())));
 }
 
 #[tokio::test(flavor = "multi_thread")]
