@@ -17,6 +17,10 @@ use crate::store::control::{self, Begun, Control, Stepped};
 use crate::store::submit::Expansion;
 use crate::store::{removal, submit};
 
+/// A large submission writes so many chunks in one transaction: fewer write the same pages again and again, more let the
+/// others wait.
+const CHUNKS_A_STEP: usize = 4;
+
 /// All errands, begun or not.
 #[derive(Debug, Default)]
 pub(super) struct Errands {
@@ -222,10 +226,13 @@ async fn begin_submission(writer: &Writer, sweep: &NewSweep) -> Result<Beginning
     Ok(begun)
 }
 
-/// Writes a chunk; true if it was the last, and the sweep can be seen.
+/// Writes some chunks; true if that was the last, and the sweep can be seen.
 async fn expand(writer: &Writer, coming: &mut Coming) -> Result<bool, StoreError> {
     let mut step = Step::begin(writer).await?;
-    let ended = coming.expansion.step(&mut step.transaction, &coming.sweep).await?;
+    let mut ended = false;
+    for _ in 0..CHUNKS_A_STEP {
+        ended = ended || coming.expansion.step(&mut step.transaction, &coming.sweep).await?;
+    }
     if ended {
         coming.expansion.list(&mut step.transaction).await?;
     }

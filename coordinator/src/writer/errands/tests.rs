@@ -8,8 +8,8 @@ use crate::store::Store;
 use crate::testing::{Bench, done, sweep};
 use crate::view::{JobFilter, SweepChange};
 
-/// More than two steps.
-const SEEDS: u64 = 2_600;
+/// More than one step of a submission, and several of everything else.
+const SEEDS: u64 = 4_600;
 
 fn large() -> NewSweep {
     sweep(&["rgop", "rg"], SEEDS)
@@ -63,24 +63,25 @@ async fn a_large_sweep_goes_through_all_its_states() {
 #[tokio::test]
 async fn a_large_sweep_is_seen_only_when_it_is_whole_and_workers_are_served_meanwhile() {
     let bench = Bench::new().await;
-    let worker = bench.worker().await;
+    let (worker, seeds) = (bench.worker().await, 5 * SEEDS);
     let looks = async {
         let mut claimed_early = 0;
         loop {
+            let jobs_before = bench.coordinator.jobs(&JobFilter::default()).await.unwrap();
             let sweeps = bench.coordinator.sweeps(None, 10).await.unwrap();
             if let Some(sweep) = sweeps.first() {
-                assert_eq!(sweep.total, 2 * SEEDS);
+                assert_eq!(sweep.total, 2 * seeds);
                 return claimed_early;
             }
-            assert!(bench.coordinator.jobs(&JobFilter::default()).await.unwrap().items.is_empty());
+            assert!(jobs_before.items.is_empty());
             for job in worker.claim(1).await {
                 worker.ended(&job, done(1.0)).await;
                 claimed_early += 1;
             }
         }
     };
-    let (submitted, claimed_early) = tokio::join!(bench.submit(large()), looks);
-    assert_eq!(submitted.total, 2 * SEEDS);
+    let (submitted, claimed_early) = tokio::join!(bench.submit(sweep(&["rgop", "rg"], seeds)), looks);
+    assert_eq!(submitted.total, 2 * seeds);
     assert!(claimed_early > 0, "its first jobs run while the others come in");
     bench.assert_consistent().await;
 }
@@ -99,7 +100,7 @@ async fn the_same_large_submission_twice_at_once_is_one_sweep() {
 async fn a_large_sweep_that_cannot_be_written_leaves_nothing_and_may_be_submitted_again() {
     let bench = Bench::new().await;
     sqlx::query(
-        "create trigger sabotage before insert on job when new.seed = 2500 begin select raise(abort, 'no'); end",
+        "create trigger sabotage before insert on job when new.seed = 4500 begin select raise(abort, 'no'); end",
     )
     .execute(bench.store.writer())
     .await
