@@ -1,10 +1,12 @@
 //! What waits for the writer, and what shares a transaction.
 
+use furrow_schema::id::SweepId;
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
 use furrow_schema::sweep::{NewSweep, Submitted};
 use tokio::sync::oneshot;
 
 use crate::error::StoreError;
+use crate::store::control::Control;
 use crate::store::tally::Tally;
 use crate::store::worker::Known;
 
@@ -23,6 +25,16 @@ pub(crate) enum Command {
     Renew(Call<Renew>, Answer<Renewed>),
     Submit(Box<NewSweep>, Outcome<Submitted>),
     KeepHouse(Outcome<()>),
+    /// Takes as many transactions as it needs, and shares none.
+    Errand(Errand),
+}
+
+/// Something that changes many jobs: it is done in steps, between the batches.
+#[derive(Debug)]
+pub(crate) enum Errand {
+    Submit(Box<NewSweep>, Outcome<Submitted>),
+    /// Answered with whether there is such a sweep.
+    Control(SweepId, Control, Outcome<bool>),
 }
 
 /// The commands that share a transaction, by kind.
@@ -34,6 +46,8 @@ pub(crate) struct Batch {
     pub(crate) housekeeping: Vec<Outcome<()>>,
     pub(crate) submissions: Vec<(Box<NewSweep>, Outcome<Submitted>)>,
     pub(crate) claims: Vec<(Call<Claim>, Answer<Leases>)>,
+    /// Not of this transaction.
+    pub(crate) errands: Vec<Errand>,
 }
 
 /// What a batch's commands are answered, in its order, and what it changed.
@@ -58,6 +72,7 @@ impl Batch {
             Command::Renew(call, answer) => self.renewals.push((call, answer)),
             Command::Submit(sweep, answer) => self.submissions.push((sweep, answer)),
             Command::KeepHouse(answer) => self.housekeeping.push(answer),
+            Command::Errand(errand) => self.errands.push(errand),
         }
     }
 
@@ -128,6 +143,7 @@ impl Batch {
                 Command::Renew(_, to) => unavailable(to, &detail),
                 Command::Submit(_, to) => _ = to.send(Err(StoreError::NotWritten(detail.clone()))),
                 Command::KeepHouse(to) => _ = to.send(Err(StoreError::NotWritten(detail.clone()))),
+                Command::Errand(_) => {}
             }
         }
     }

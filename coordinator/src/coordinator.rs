@@ -5,17 +5,20 @@ use std::sync::Arc;
 
 use furrow_schema::id::{EngineId, SweepId};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
-use furrow_schema::sweep::{NewSweep, Submitted, Sweep};
+use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
-use crate::batch::Command;
+use crate::batch::{Command, Errand};
 use crate::config::Config;
 use crate::error::StoreError;
 use crate::rate::Rates;
+use crate::store::control::Control;
 use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, worker};
 use crate::validate;
-use crate::view::{CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, WorkerInfo};
+use crate::view::{
+    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange, WorkerInfo,
+};
 use crate::writer;
 
 /// Questions wait in a queue of this length; whoever asks then waits for a place in it.
@@ -108,7 +111,54 @@ impl Coordinator {
     pub async fn submit(&self, sweep: NewSweep) -> Result<Submitted, StoreError> {
         submit::check(&sweep, self.engine())?;
         let (answer, answered) = oneshot::channel();
-        self.send(Command::Submit(Box::new(sweep), answer)).await?;
+        let (small, sweep) = (submit::is_small(&sweep), Box::new(sweep));
+        let errand = |sweep, answer| Command::Errand(Errand::Submit(sweep, answer));
+        self.send(if small { Command::Submit(sweep, answer) } else { errand(sweep, answer) }).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
+    /// Changes a sweep's priority, pauses or resumes it; none if there is no such sweep. When this is answered no job
+    /// is handed out any more for a paused sweep; those that run may end. One that has ended has nothing to pause.
+    ///
+    /// # Errors
+    /// [`StoreError::Cancelled`] refuses to resume a cancelled sweep; after the others it may be asked again.
+    pub async fn change(&self, sweep: SweepId, change: SweepChange) -> Result<Option<Sweep>, StoreError> {
+        self.control_and_show(sweep, Control::Change(change)).await
+    }
+
+    /// Cancels a sweep unless it is done; none if there is no such sweep. Its jobs that no other live sweep wants are
+    /// given up; workers hear of it when they renew. A result that comes all the same is kept.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`]: it may be asked again.
+    pub async fn cancel(&self, sweep: SweepId) -> Result<Option<Sweep>, StoreError> {
+        self.control_and_show(sweep, Control::Cancel).await
+    }
+
+    /// Queues a sweep's failed and cancelled jobs again; none if there is no such sweep. Attempts go on counting.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`]: it may be asked again.
+    pub async fn retry(&self, sweep: SweepId) -> Result<Option<Sweep>, StoreError> {
+        self.control_and_show(sweep, Control::Retry).await
+    }
+
+    /// Removes a sweep, its cells, and the jobs, results and scenarios that no other sweep lists; false if there is no
+    /// such sweep. Nobody sees it any more when this is answered; the rest of a large one goes after that.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`]: it may be asked again.
+    pub async fn remove(&self, sweep: SweepId) -> Result<bool, StoreError> {
+        self.control(sweep, Control::Remove).await
+    }
+
+    async fn control_and_show(&self, sweep: SweepId, control: Control) -> Result<Option<Sweep>, StoreError> {
+        if self.control(sweep, control).await? { self.sweep(sweep).await } else { Ok(None) }
+    }
+
+    async fn control(&self, sweep: SweepId, control: Control) -> Result<bool, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Errand(Errand::Control(sweep, control, answer))).await?;
         answered.await.map_err(|_| StoreError::Closed)?
     }
 
@@ -230,6 +280,7 @@ impl Coordinator {
         sweep.rate_per_s = self.shared.rates.per_s(sweep.id, sweep.created_ms, now_ms);
         sweep.eta_s = match sweep.rate_per_s {
             _ if left == 0 => Some(0.0),
+            _ if sweep.state == SweepState::Paused => None,
             Some(rate) if rate > 0.0 => Some(left as f64 / rate),
             _ => None,
         };

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use furrow_schema::id::EngineId;
+use furrow_schema::id::{EngineId, SweepId};
 
 /// Why the store did not do what it was asked.
 #[derive(Debug, thiserror::Error)]
@@ -45,6 +45,9 @@ pub enum StoreError {
     /// The keys of several jobs begin with these digits. The caller refuses the request: more digits tell them apart.
     #[error("the keys of several jobs begin with `{0}`: give more digits")]
     Ambiguous(String),
+    /// The sweep is cancelled and cannot be resumed. The caller refuses the request: retrying the sweep brings it back.
+    #[error("sweep {0} is cancelled: retry it to bring it back")]
+    Cancelled(SweepId),
     /// The sweep is for another engine than this coordinator's. The caller refuses the request.
     #[error("the sweep is for engine {sweep}, this coordinator runs engine {coordinator}")]
     OtherEngine {

@@ -33,5 +33,5 @@ pub use error::StoreError;
 pub use store::Store;
 pub use view::{
     Attempt, AttemptEnd, CellSummary, CellValues, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem, JobPage,
-    JobRef, JobResult, KeyPrefix, RunValue, WorkerInfo,
+    JobRef, JobResult, KeyPrefix, RunValue, SweepChange, WorkerInfo,
 };

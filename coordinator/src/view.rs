@@ -227,10 +227,12 @@ pub enum AttemptEnd {
     HandedBack,
     /// The result of another holder was recorded meanwhile.
     Superseded,
+    /// No live sweep wanted the job any more.
+    Cancelled,
 }
 
 impl AttemptEnd {
-    /// The word for it: `open`, `done`, `panicked`, `died`, `expired`, `handed-back` or `superseded`.
+    /// The word for it: `open`, `done`, `panicked`, `died`, `expired`, `handed-back`, `superseded` or `cancelled`.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -241,14 +243,17 @@ impl AttemptEnd {
             Self::Expired => "expired",
             Self::HandedBack => "handed-back",
             Self::Superseded => "superseded",
+            Self::Cancelled => "cancelled",
         }
     }
 
     /// What `word` stands for, if anything.
     #[must_use]
     pub fn from_word(word: &str) -> Option<Self> {
-        use AttemptEnd::{Died, Done, Expired, HandedBack, Open, Panicked, Superseded};
-        [Open, Done, Panicked, Died, Expired, HandedBack, Superseded].into_iter().find(|end| end.as_str() == word)
+        use AttemptEnd::{Cancelled, Died, Done, Expired, HandedBack, Open, Panicked, Superseded};
+        [Open, Done, Panicked, Died, Expired, HandedBack, Superseded, Cancelled]
+            .into_iter()
+            .find(|end| end.as_str() == word)
     }
 }
 
@@ -346,6 +351,15 @@ pub struct RunValue {
     pub outcome: String,
     /// The value of the metric asked for, in its own unit; none where it is undefined for the run.
     pub value: Option<f64>,
+}
+
+/// What a user changes about a sweep; what is not given stays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SweepChange {
+    /// Higher goes first.
+    pub priority: Option<i64>,
+    /// Whether its jobs wait until it is resumed.
+    pub paused: Option<bool>,
 }
 
 /// A worker that said hello.

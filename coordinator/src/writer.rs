@@ -4,6 +4,9 @@
 //! commit is shared; an answer leaves only after the commit. The commands of a batch are put in an order that
 //! favours those who did their work: hellos, results, renewals, then expiry, submissions and claims. If a batch
 //! cannot be written, each of its commands is tried alone: one that the database refuses spoils no other.
+//! What changes many jobs at once is an errand, done in steps between the batches.
+
+mod errands;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,6 +23,7 @@ use crate::error::StoreError;
 use crate::rate::Rates;
 use crate::store::tally::Tally;
 use crate::store::{Store, claim, expiry, renew, result, submit, worker};
+use errands::Errands;
 
 /// At most this many commands share a transaction.
 const BATCH_COMMANDS: usize = 256;
@@ -47,6 +51,7 @@ impl Writer {
         stopped: CancellationToken,
     ) {
         let _say_so_when_done = stopped.drop_guard();
+        let mut errands = Errands::begin(&self).await;
         loop {
             let first = tokio::select! {
                 biased;
@@ -55,6 +60,10 @@ impl Writer {
                     continue;
                 }
                 first = queue.recv() => first,
+                () = std::future::ready(()), if errands.wait() => {
+                    errands.step(&self).await;
+                    continue;
+                }
             };
             let Some(first) = first else { break };
             let mut batch = Batch::default();
@@ -64,12 +73,19 @@ impl Writer {
             {
                 batch.push(next);
             }
+            errands.take(&mut batch);
             self.serve(batch).await;
+            if errands.wait() {
+                errands.step(&self).await;
+            }
         }
         self.store.close().await;
     }
 
     async fn serve(&self, batch: Batch) {
+        if batch.len() == 0 {
+            return;
+        }
         let failed = match self.commit(&batch).await {
             Ok(answers) => return self.publish(batch, answers),
             Err(error) => error,
@@ -170,13 +186,17 @@ impl Writer {
         Ok(expiry::expire(conn, self.config.max_attempts, engine_id, now_ms, tally).await? > 0)
     }
 
+    fn ring(&self) {
+        self.bell.send_modify(|generation| *generation += 1);
+    }
+
     fn publish(&self, batch: Batch, answers: Answers) {
         let now_ms = self.config.clock.now_ms();
         for (sweep, results) in answers.tally.recorded() {
             self.rates.count(sweep, results, now_ms);
         }
         if answers.visible {
-            self.bell.send_modify(|generation| *generation += 1);
+            self.ring();
         }
         batch.answer(answers);
     }

@@ -31,12 +31,12 @@ pub(super) struct Server {
     url: String,
 }
 
-/// Where the results are.
+/// Where the sweeps and their results are.
 #[derive(Debug, clap::Args)]
 pub(super) struct Source {
     #[command(flatten)]
     server: Server,
-    /// Read this database instead of asking a server; no server may be using it
+    /// Use this database instead of asking a server; no server may be using it
     #[arg(long, value_name = "FILE")]
     db: Option<PathBuf>,
 }
@@ -126,6 +126,29 @@ impl Client {
     ) -> Result<T, CliError> {
         let request = self.request(Method::POST, path, &[]).header("Idempotency-Key", idempotency_key).json(body);
         read(self.send(request).await?).await
+    }
+
+    /// Sends a change to `path` (its segments), perhaps with a JSON body; it may be sent again without harm.
+    ///
+    /// # Errors
+    /// The server is away, refuses, or answers something else.
+    pub(super) async fn change<T: DeserializeOwned>(
+        &self,
+        method: Method,
+        path: &[&str],
+        body: Option<&impl Serialize>,
+    ) -> Result<T, CliError> {
+        let request = self.request(method, path, &[]);
+        let request = if let Some(body) = body { request.json(body) } else { request };
+        read(self.send(request).await?).await
+    }
+
+    /// DELETEs what is at `path` (its segments) with `query`.
+    ///
+    /// # Errors
+    /// The server is away or refuses.
+    pub(super) async fn remove(&self, path: &[&str], query: &[(&str, &str)]) -> Result<(), CliError> {
+        self.send(self.request(Method::DELETE, path, query)).await.map(drop)
     }
 
     fn request(&self, method: Method, path: &[&str], query: &[(&str, &str)]) -> RequestBuilder {

@@ -75,6 +75,7 @@ impl From<StoreError> for CliError {
             | StoreError::NotOurs { .. }
             | StoreError::Newer { .. }
             | StoreError::Ambiguous(_)
+            | StoreError::Cancelled(_)
             | StoreError::Conflict { .. }
             | StoreError::Invalid(_)
             | StoreError::OtherEngine { .. } => Self::BadInput(error.to_string()),

@@ -1,6 +1,7 @@
 //! The command `furrow`: a file per subcommand, and [`error`] for how each can end.
 
 mod client;
+mod control;
 pub mod error;
 mod job;
 mod output;
@@ -13,6 +14,7 @@ mod status;
 mod stop;
 mod submit;
 mod table;
+mod watch;
 mod work;
 
 use std::ffi::OsString;
@@ -44,6 +46,10 @@ enum Command {
     Plans(plans::PlansArgs),
     Submit(submit::SubmitArgs),
     Status(status::StatusArgs),
+    Watch(watch::WatchArgs),
+    Pause(control::PauseArgs),
+    Cancel(control::CancelArgs),
+    Retry(control::RetryArgs),
     Table(table::TableArgs),
     Job(job::JobArgs),
 }
@@ -65,6 +71,10 @@ impl Command {
             Self::Plans(args) => plans::run(&args),
             Self::Submit(args) => submit::run(args).await,
             Self::Status(args) => status::run(args).await,
+            Self::Watch(args) => watch::run(args).await,
+            Self::Pause(args) => control::pause(args).await,
+            Self::Cancel(args) => control::cancel(args).await,
+            Self::Retry(args) => control::retry(args).await,
             Self::Table(args) => table::run(args).await,
             Self::Job(args) => job::run(args).await,
         }
@@ -139,6 +149,11 @@ mod tests {
             "furrow submit guyonneau2022/bounds --url http://127.0.0.1:1 --name night --priority -3 --json",
             "furrow status",
             "furrow status 3 --url http://127.0.0.1:1 --json",
+            "furrow watch 3 --url http://127.0.0.1:1 --json",
+            "furrow pause 3 --url http://127.0.0.1:1 --json",
+            "furrow pause 3 --resume --db x.db",
+            "furrow cancel 3 --purge --json",
+            "furrow retry 3",
             "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
             "furrow job 12 --svg out.svg --json",
         ] {

@@ -55,7 +55,8 @@ fn row(sweep: &Sweep) -> Vec<Entry> {
     words.into_iter().chain(counts).chain([rate, left].map(Entry::Text)).collect()
 }
 
-fn word(state: SweepState) -> &'static str {
+/// The word for a state.
+pub(super) fn word(state: SweepState) -> &'static str {
     match state {
         SweepState::Active => "active",
         SweepState::Paused => "paused",

@@ -114,7 +114,7 @@ pub struct AttemptOfJob {
     pub claimed_ms: i64,
     /// Until when [ms since 1970]; null while it lasts.
     pub ended_ms: Option<i64>,
-    /// `open`, `done`, `panicked`, `died`, `expired`, `handed-back` or `superseded`.
+    /// `open`, `done`, `panicked`, `died`, `expired`, `handed-back`, `superseded` or `cancelled`.
     pub end: String,
     /// The panic's message, or what else there is to say.
     pub reason: Option<String>,

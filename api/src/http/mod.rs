@@ -14,6 +14,7 @@ pub mod problem;
 pub mod publications;
 mod refusals;
 mod replays;
+pub mod sweep_control;
 pub mod sweeps;
 pub mod tables;
 pub mod trajectories;
@@ -66,6 +67,7 @@ struct Document;
 fn resources() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
         .merge(sweeps::routes())
+        .merge(sweep_control::routes())
         .merge(tables::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())

@@ -36,7 +36,9 @@ impl From<StoreError> for Problem {
             StoreError::Invalid(reason) => Self::unprocessable(reason),
             StoreError::Ambiguous(_) => Self::bad_request(error.to_string()).at("job"),
             StoreError::Conflict { .. } => Self::new(StatusCode::CONFLICT, error.to_string()).at("Idempotency-Key"),
-            StoreError::OtherEngine { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
+            StoreError::OtherEngine { .. } | StoreError::Cancelled(_) => {
+                Self::new(StatusCode::CONFLICT, error.to_string())
+            }
             StoreError::NotWritten(_) | StoreError::Database(_) | StoreError::Closed => {
                 tracing::error!(%error, "a request failed");
                 Self::unavailable("the server cannot do this at the moment; nothing was changed")

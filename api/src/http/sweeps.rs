@@ -195,7 +195,11 @@ impl App {
 
     /// The sweep that a path names.
     pub(super) async fn sweep_named(&self, name: &str) -> Result<Sweep, Problem> {
-        let none = |_| Problem::not_found("sweep", name.chars().take(80).collect::<String>());
-        self.sweep(name.parse().map_err(none)?).await
+        self.sweep(sweep_id(name)?).await
     }
+}
+
+/// The number that a path holds.
+pub(super) fn sweep_id(name: &str) -> Result<SweepId, Problem> {
+    name.parse().map_err(|_| Problem::not_found("sweep", name.chars().take(80).collect::<String>()))
 }

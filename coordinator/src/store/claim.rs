@@ -21,14 +21,15 @@ const FIND: &str = "select id from claim where worker_id = ?1 and request = ?2";
 /// A claim, if there is anything to grant.
 const ADD: &str = "insert into claim (worker_id, request, claimed_ms)
     select ?1, ?2, ?3
-    where exists (select 1 from job where state = 'queued' and engine_id = ?4 and not_before_ms <= ?3)
+    where exists (select 1 from job
+        where state = 'queued' and held = 0 and engine_id = ?4 and not_before_ms <= ?3)
     returning id";
 
 /// Hands out the first of the queue to claim ?1 until ?2.
 const TAKE: &str = "update job
     set state = 'leased', attempt = attempt + 1, claim_id = ?1, lease_until_ms = ?2, running = 0
     where id in (
-        select id from job where state = 'queued' and engine_id = ?3 and not_before_ms <= ?4
+        select id from job where state = 'queued' and held = 0 and engine_id = ?3 and not_before_ms <= ?4
         order by priority desc, turn limit ?5)
     returning id, attempt, scenario_id, seed, record, alone, priority, turn";
 

@@ -21,6 +21,7 @@ const LIST: &str = "select job.id, job.key, cell.sweep_id, cell.id, job.state, c
             and coalesce((select max(id) from cell where sweep_id = ?1), iif(?1 is null, 9223372036854775807, 0))
         and (cell.id > ?3 or job.id > ?4)
         and (?2 is null or job.state = ?2)
+        and cell.sweep_id not in (select sweep_id from unlisted)
         and not exists (
             select 1 from json_each(?5) as wanted where not exists (
                 select 1 from json_each(cell.factors) as label

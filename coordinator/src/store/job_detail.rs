@@ -26,7 +26,8 @@ const KEY_OF: &str = "select key from job where id = ?1";
 
 /// The cells that want a job.
 const CELLS: &str = "select cell.sweep_id, cell.id, cell.factors
-    from cell_job join cell on cell.id = cell_job.cell_id where cell_job.job_id = ?1 order by cell.id";
+    from cell_job join cell on cell.id = cell_job.cell_id
+    where cell_job.job_id = ?1 and cell.sweep_id not in (select sweep_id from unlisted) order by cell.id";
 
 /// Past handings-out of a job; the one whose result is on record stands elsewhere.
 const ATTEMPTS: &str = "select attempt, worker.uid, claim.claimed_ms, ended_ms, ended, reason

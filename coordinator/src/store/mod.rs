@@ -1,6 +1,7 @@
 //! The database: one file, one writer, many readers. The only SQL of the program that writes is below here.
 //!
-//! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `job`,
+//! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `control` pauses, cancels
+//! and retries it, `removal` takes it out, and `settle` brings its jobs in line; `job`,
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
 //! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
 //! table each. Statements are constants with a sentence each; a test prepares all of them.
@@ -9,6 +10,7 @@
 
 pub(crate) mod cell;
 pub(crate) mod claim;
+pub(crate) mod control;
 pub(crate) mod expiry;
 pub(crate) mod incident;
 pub(crate) mod job;
@@ -16,10 +18,12 @@ pub(crate) mod job_detail;
 mod open;
 #[cfg(test)]
 mod random_histories;
+pub(crate) mod removal;
 pub(crate) mod renew;
 pub(crate) mod result;
 pub(crate) mod runs;
 pub(crate) mod scenario;
+pub(crate) mod settle;
 pub(crate) mod submit;
 pub(crate) mod sweep;
 pub(crate) mod tally;
@@ -165,14 +169,17 @@ mod tests {
             own,
             cell::STATEMENTS,
             claim::STATEMENTS,
+            control::STATEMENTS,
             expiry::STATEMENTS,
             incident::STATEMENTS,
             job::STATEMENTS,
             job_detail::STATEMENTS,
+            removal::STATEMENTS,
             renew::STATEMENTS,
             result::STATEMENTS,
             runs::STATEMENTS,
             scenario::STATEMENTS,
+            settle::STATEMENTS,
             submit::STATEMENTS,
             sweep::STATEMENTS,
             tally::STATEMENTS,

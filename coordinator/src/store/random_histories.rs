@@ -1,10 +1,10 @@
-//! Whatever submissions, workers and time do, in any order: counts, moments and states stay true, nothing that
-//! was acknowledged changes, and every sweep can be brought to its end.
+//! Whatever submissions, users, workers and time do, in any order: counts, moments and states stay true, nothing that
+//! was acknowledged changes unless it is removed, and every sweep can be brought to its end.
 
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-use furrow_schema::id::JobId;
+use furrow_schema::id::{JobId, SweepId};
 use furrow_schema::protocol::{LeasedJob, RunEnd};
 use furrow_schema::sweep::{NewSweep, SweepState};
 use proptest::prelude::*;
@@ -12,6 +12,7 @@ use tokio::runtime::Runtime;
 
 use crate::moments::Moments;
 use crate::testing::{Bench, Worker, done, panicked, record, sweep};
+use crate::view::{JobRef, SweepChange};
 
 const LABELS: [&str; 3] = ["rgop", "rg", "lsq"];
 const WORKERS: usize = 2;
@@ -42,6 +43,29 @@ enum Event {
     Pass {
         ms: i64,
     },
+    /// A user does something to one of the sweeps.
+    Control {
+        sweep: usize,
+        what: What,
+    },
+}
+
+#[derive(Debug, Clone)]
+enum What {
+    Change(SweepChange),
+    Cancel,
+    Retry,
+    Remove,
+}
+
+fn what() -> impl Strategy<Value = What> {
+    let change = |(priority, paused)| What::Change(SweepChange { priority, paused });
+    prop_oneof![
+        4 => (proptest::option::of(0..3i64), proptest::option::of(any::<bool>())).prop_map(change),
+        2 => Just(What::Cancel),
+        2 => Just(What::Retry),
+        1 => Just(What::Remove),
+    ]
 }
 
 fn event() -> impl Strategy<Value = Event> {
@@ -54,6 +78,7 @@ fn event() -> impl Strategy<Value = Event> {
             .prop_map(|(worker, lease, how)| Event::End { worker, lease, how }),
         1 => (worker, any::<bool>()).prop_map(|(worker, running)| Event::Renew { worker, running }),
         2 => prop_oneof![Just(1_500), Just(31_000)].prop_map(|ms| Event::Pass { ms }),
+        3 => (any::<usize>(), what()).prop_map(|(sweep, what)| Event::Control { sweep, what }),
     ]
 }
 
@@ -90,6 +115,45 @@ impl History {
                 worker.renew(leases, running).await;
             }
             Event::Pass { ms } => self.bench.pass(ms).await,
+            Event::Control { sweep, what } => self.control(sweep, what).await,
+        }
+    }
+
+    async fn control(&mut self, sweep: usize, what: What) {
+        let coordinator = &self.bench.coordinator;
+        let sweeps = coordinator.sweeps(None, 1_000).await.unwrap();
+        let Some(sweep) = sweeps.get(sweep % sweeps.len().max(1)) else { return };
+        match what {
+            What::Change(change) => {
+                let refused = sweep.state == SweepState::Cancelled && change.paused == Some(false);
+                assert_eq!(coordinator.change(sweep.id, change).await.is_err(), refused);
+            }
+            What::Cancel => {
+                let cancelled = coordinator.cancel(sweep.id).await.unwrap().unwrap();
+                assert!(matches!(cancelled.state, SweepState::Cancelled | SweepState::Done));
+            }
+            What::Retry => {
+                let retried = coordinator.retry(sweep.id).await.unwrap().unwrap();
+                assert_eq!((retried.failed, retried.cancelled), (0, 0));
+            }
+            What::Remove => self.remove(sweep.id).await,
+        }
+        self.bench.assert_consistent().await;
+    }
+
+    /// A result goes with the last sweep that lists its job, and only then.
+    async fn remove(&mut self, sweep: SweepId) {
+        let mut gone = Vec::new();
+        for job in self.acknowledged.keys() {
+            let detail = self.bench.coordinator.job(JobRef::Id(*job)).await.unwrap().unwrap();
+            if detail.cells.iter().all(|cell| cell.sweep == sweep) {
+                gone.push(*job);
+            }
+        }
+        assert!(self.bench.coordinator.remove(sweep).await.unwrap());
+        for job in gone {
+            assert_eq!(self.bench.coordinator.job(JobRef::Id(job)).await.unwrap(), None);
+            self.acknowledged.remove(&job);
         }
     }
 
@@ -109,7 +173,7 @@ impl History {
         }
     }
 
-    /// Failed jobs are asked for again, and a patient worker does all that is left.
+    /// All jobs are asked for again, and a patient worker does what is left.
     async fn finish(&mut self) {
         self.bench.pass(100_000).await;
         self.bench.submit(sweep(&LABELS, 3)).await;
@@ -122,7 +186,7 @@ impl History {
     async fn check(&self) {
         self.bench.assert_consistent().await;
         for (job, value) in &self.acknowledged {
-            let result = self.bench.coordinator.job(crate::JobRef::Id(*job)).await.unwrap().unwrap().result.unwrap();
+            let result = self.bench.coordinator.job(JobRef::Id(*job)).await.unwrap().unwrap().result.unwrap();
             assert_eq!(result.digest, record(*value).digest);
         }
         for sweep in self.bench.coordinator.sweeps(None, 1_000).await.unwrap() {
@@ -153,7 +217,8 @@ proptest! {
             history.finish().await;
             history.check().await;
             let sweeps = history.bench.coordinator.sweeps(None, 1_000).await.unwrap();
-            assert!(sweeps.iter().all(|sweep| sweep.state == SweepState::Done && sweep.failed == 0), "{sweeps:?}");
+            let ended = |state| matches!(state, SweepState::Done | SweepState::Cancelled);
+            assert!(sweeps.iter().all(|sweep| ended(sweep.state) && sweep.done == sweep.total), "{sweeps:?}");
         });
     }
 }

@@ -10,9 +10,12 @@ use sqlx::SqliteConnection;
 use crate::error::StoreError;
 use crate::store::{hash, to_json};
 
-/// New scenarios; those known by content stay as they are.
-const ADD: &str = "insert into scenario (hash, json)
-    select unhex(value ->> 0), value ->> 1 from json_each(?1) where true
+/// The next number for a scenario: no number is given twice.
+const NEXT: &str = "select max(scenario, coalesce((select max(id) from scenario), 0)) + 1 from last_number";
+
+/// New scenarios, numbered from ?2 on; those known by content stay as they are.
+const ADD: &str = "insert into scenario (id, hash, json)
+    select ?2 + key, unhex(value ->> 0), value ->> 1 from json_each(?1) where true
     on conflict (hash) do nothing";
 
 /// Numbers of scenarios by content.
@@ -23,7 +26,7 @@ const FIND: &str = "select scenario.hash, scenario.id
 const TEXTS: &str = "select id, json from scenario where id in (select value from json_each(?1)) order by id";
 
 #[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[ADD, FIND, TEXTS];
+pub(super) const STATEMENTS: &[&str] = &[NEXT, ADD, FIND, TEXTS];
 
 /// Numbers of `texts`, which are stored as needed.
 pub(crate) async fn intern(
@@ -36,7 +39,8 @@ pub(crate) async fn intern(
     if new.is_empty() {
         return Ok(known);
     }
-    sqlx::query(ADD).bind(to_json(&new)).execute(&mut *conn).await?;
+    let next: i64 = sqlx::query_scalar(NEXT).fetch_one(&mut *conn).await?;
+    sqlx::query(ADD).bind(to_json(&new)).bind(next).execute(&mut *conn).await?;
     find(conn, &wanted).await
 }
 

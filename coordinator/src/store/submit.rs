@@ -1,4 +1,8 @@
-//! Submissions: a sweep is expanded into jobs, a chunk at a time, in one transaction.
+//! Submissions: a sweep is expanded into jobs, a chunk at a time.
+//!
+//! A small sweep comes in one transaction. A large one takes a transaction a chunk, so that workers are served in
+//! between; until the last it is unlisted: nobody sees it, and if it breaks off it is removed. Its first jobs may run
+//! meanwhile.
 //!
 //! A job that is known already is shared: with a result it counts at once, queued or leased it keeps its place
 //! or moves up, failed or cancelled it is queued again.
@@ -13,7 +17,9 @@ use sqlx::SqliteConnection;
 
 use crate::error::StoreError;
 use crate::store::job::state_of;
-use crate::store::tally::{Metrics, Moved, Tally};
+use crate::store::removal::UNLIST;
+use crate::store::settle::{Turns, settle};
+use crate::store::tally::{Metrics, Tally};
 use crate::store::{from_json, scenario, to_json, unsigned};
 
 /// Jobs are written in chunks of this size, so that memory does not grow with the sweep.
@@ -23,7 +29,8 @@ const MAX_JOBS: u64 = 20_000_000;
 const MAX_NAME_BYTES: usize = 200;
 
 /// The submission that a key stands for.
-const FIND_BY_KEY: &str = "select id, total, new, cached, request_json from sweep where idempotency_key = ?1";
+const FIND_BY_KEY: &str = "select id, total, new, cached, request_json from sweep
+    where idempotency_key = ?1 and id not in (select sweep_id from unlisted)";
 
 /// A sweep without jobs yet; the counts follow with them.
 const ADD_SWEEP: &str = "insert into sweep
@@ -38,32 +45,25 @@ const ADD_CELLS: &str = "insert into cell (sweep_id, position, factors)
 /// The cells of a sweep in their order.
 const CELLS: &str = "select id from cell where sweep_id = ?1 order by position";
 
-/// Where the queue of a priority has got to.
-const VIRTUAL_TIME: &str = "select coalesce((select turn from virtual_time where priority = ?1), 0)";
+/// Everybody sees the sweep from now on.
+const LIST: &str = "delete from unlisted where sweep_id = ?1";
 
 /// Which of the keys are jobs already, by the key's place in the list.
 const EXISTING: &str = "select wanted.key, job.id, job.state
     from json_each(?1) as wanted join job on job.key = unhex(wanted.value)";
 
-/// New jobs: key, scenario, seed, turn.
+/// The next number for a job: no number is given twice.
+const NEXT_JOB: &str = "select max(job, coalesce((select max(id) from job), 0)) + 1 from last_number";
+
+/// New jobs, numbered from ?7 on: key, scenario, seed, turn.
 const ADD_JOBS: &str = "insert into job
-        (key, engine_id, scenario_id, seed, state, priority, turn, record, alone, created_ms)
-    select unhex(value ->> 0), ?2, value ->> 1, value ->> 2, 'queued', ?3, value ->> 3, ?4, ?5, ?6
+        (id, key, engine_id, scenario_id, seed, state, priority, turn, record, alone, created_ms)
+    select ?7 + key, unhex(value ->> 0), ?2, value ->> 1, value ->> 2, 'queued', ?3, value ->> 3, ?4, ?5, ?6
     from json_each(?1) where true
     on conflict (key) do nothing";
 
-/// Failed and cancelled jobs start anew: job, turn.
-const REVIVE: &str = "update job
-    set state = 'queued', ended_ms = null, not_before_ms = 0, panics = 0, deaths = 0,
-        priority = ?2, turn = value ->> 1, record = max(record, ?3)
-    from json_each(?1) where job.id = value ->> 0";
-
-/// Jobs that wait or run move up as far as the new sweep would place them: job, turn.
-const RAISE: &str = "update job
-    set priority = max(priority, ?2), record = max(record, ?3),
-        turn = case when priority < ?2 then value ->> 1
-                    when priority = ?2 then min(turn, value ->> 1) else turn end
-    from json_each(?1) where job.id = value ->> 0";
+/// Jobs whose trajectory is wanted, too.
+const RECORD: &str = "update job set record = 1 where id in (select value from json_each(?1)) and record = 0";
 
 /// Which cell wants which job: cell, key.
 const JOIN_CELLS: &str = "insert into cell_job (cell_id, job_id)
@@ -74,7 +74,7 @@ const CACHED: &str = "select job_id, metrics from result where job_id in (select
 
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] =
-    &[FIND_BY_KEY, ADD_SWEEP, ADD_CELLS, CELLS, VIRTUAL_TIME, EXISTING, ADD_JOBS, REVIVE, RAISE, JOIN_CELLS, CACHED];
+    &[FIND_BY_KEY, ADD_SWEEP, ADD_CELLS, CELLS, LIST, EXISTING, NEXT_JOB, ADD_JOBS, RECORD, JOIN_CELLS, CACHED];
 
 /// Refuses a sweep that breaks a rule, before it meets the queue.
 pub(crate) fn check(sweep: &NewSweep, coordinator: EngineId) -> Result<(), StoreError> {
@@ -112,6 +112,12 @@ fn check_cells(sweep: &NewSweep) -> Result<(), String> {
     Ok(())
 }
 
+/// Whether a sweep comes in one transaction.
+pub(crate) fn is_small(sweep: &NewSweep) -> bool {
+    let scenarios: u64 = sweep.cells.iter().map(|cell| cell.scenarios.len() as u64).sum();
+    scenarios.saturating_mul(sweep.seeds) <= CHUNK as u64
+}
+
 /// Takes a checked sweep in. A refusal leaves the database as it was.
 pub(crate) async fn submit(
     conn: &mut SqliteConnection,
@@ -119,31 +125,47 @@ pub(crate) async fn submit(
     engine_id: i64,
     now_ms: i64,
 ) -> Result<Result<Submitted, StoreError>, StoreError> {
-    if let Some(key) = &sweep.idempotency_key
-        && let Some(earlier) = earlier(conn, key, &sweep.request_json).await?
-    {
-        return Ok(earlier);
+    if let Some(answer) = earlier(conn, sweep).await? {
+        return Ok(answer);
     }
     let mut expansion = Expansion::begin(conn, sweep, engine_id, now_ms).await?;
-    expansion.run(conn).await?;
+    while !expansion.step(conn, sweep).await? {}
     Ok(Ok(expansion.submitted))
 }
 
+/// Begins to take a checked sweep in, out of sight: [`Expansion::step`] and at last [`Expansion::list`] are to follow.
+/// An answer instead of an expansion ends it.
+pub(crate) async fn begin(
+    conn: &mut SqliteConnection,
+    sweep: &NewSweep,
+    engine_id: i64,
+    now_ms: i64,
+) -> Result<Result<Expansion, Result<Submitted, StoreError>>, StoreError> {
+    if let Some(answer) = earlier(conn, sweep).await? {
+        return Ok(Err(answer));
+    }
+    let expansion = Expansion::begin(conn, sweep, engine_id, now_ms).await?;
+    sqlx::query(UNLIST).bind(expansion.submitted.id.0).execute(conn).await?;
+    Ok(Ok(expansion))
+}
+
+/// What was answered to the same submission before, if it has a key.
 async fn earlier(
     conn: &mut SqliteConnection,
-    key: &str,
-    request_json: &str,
+    sweep: &NewSweep,
 ) -> Result<Option<Result<Submitted, StoreError>>, StoreError> {
+    let Some(key) = &sweep.idempotency_key else { return Ok(None) };
     let row: Option<(i64, i64, i64, i64, String)> = sqlx::query_as(FIND_BY_KEY).bind(key).fetch_optional(conn).await?;
     let Some((id, total, new, cached, earlier_json)) = row else { return Ok(None) };
-    if earlier_json != request_json {
-        return Ok(Some(Err(StoreError::Conflict { key: key.to_owned() })));
+    if earlier_json != sweep.request_json {
+        return Ok(Some(Err(StoreError::Conflict { key: key.clone() })));
     }
     let count = |number| unsigned("a sweep's count", number);
     Ok(Some(Ok(Submitted { id: SweepId(id), total: count(total)?, new: count(new)?, cached: count(cached)? })))
 }
 
 /// A job that the sweep wants.
+#[derive(Debug)]
 struct Planned {
     cell: CellId,
     scenario: ScenarioHash,
@@ -152,73 +174,111 @@ struct Planned {
     turn: i64,
 }
 
+/// Jobs that are known already, by their place in the chunk.
+type Existing = HashMap<usize, (JobId, JobState)>;
+
+/// Where an expansion is: cell by cell, scenario by scenario, seed by seed.
+#[derive(Debug, Default)]
+struct Position {
+    cell: usize,
+    scenario: usize,
+    /// Seeds of the scenario that are planned.
+    seeds: u64,
+    /// Scenarios of the cell so far: a repeated one counts once.
+    seen: HashSet<ScenarioHash>,
+}
+
 /// A sweep on its way into the database.
-struct Expansion<'a> {
-    sweep: &'a NewSweep,
+#[derive(Debug)]
+pub(crate) struct Expansion {
     engine_id: i64,
     now_ms: i64,
-    submitted: Submitted,
+    pub(crate) submitted: Submitted,
     cells: Vec<CellId>,
-    next_turn: i64,
+    turns: Turns,
+    at: Position,
     /// The scenarios of the chunk in the order of their jobs.
     texts: Vec<(ScenarioHash, Arc<str>)>,
     chunk: Vec<Planned>,
 }
 
-impl<'a> Expansion<'a> {
+impl Expansion {
     async fn begin(
         conn: &mut SqliteConnection,
-        sweep: &'a NewSweep,
+        sweep: &NewSweep,
         engine_id: i64,
         now_ms: i64,
     ) -> Result<Self, StoreError> {
         let id = add_sweep(conn, sweep, engine_id, now_ms).await?;
         let cells = add_cells(conn, id, &sweep.cells).await?;
-        let next_turn = sqlx::query_scalar(VIRTUAL_TIME).bind(sweep.priority).fetch_one(conn).await?;
-        let submitted = Submitted { id, total: 0, new: 0, cached: 0 };
-        let (texts, chunk) = (Vec::new(), Vec::with_capacity(CHUNK));
-        Ok(Self { sweep, engine_id, now_ms, submitted, cells, next_turn, texts, chunk })
+        Ok(Self {
+            engine_id,
+            now_ms,
+            submitted: Submitted { id, total: 0, new: 0, cached: 0 },
+            cells,
+            turns: Turns::load(conn, 0).await?,
+            at: Position::default(),
+            texts: Vec::new(),
+            chunk: Vec::with_capacity(CHUNK),
+        })
     }
 
-    /// Cell by cell, scenario by scenario, seed by seed.
-    async fn run(&mut self, conn: &mut SqliteConnection) -> Result<(), StoreError> {
-        let timing = self.sweep.timing.then_some(self.submitted.id);
-        for (at, cell) in self.sweep.cells.iter().enumerate() {
-            let mut seen = HashSet::new();
-            for text in &cell.scenarios {
-                let scenario = ScenarioHash::of(text);
-                if !seen.insert(scenario) {
-                    continue;
-                }
-                for seed in 1..=self.sweep.seeds {
-                    if self.texts.last().is_none_or(|(last, _)| *last != scenario) {
-                        self.texts.push((scenario, text.clone()));
-                    }
-                    let key = JobKey::new(self.sweep.engine, text, seed, timing);
-                    self.chunk.push(Planned { cell: self.cells[at], scenario, seed, key, turn: self.next_turn });
-                    self.next_turn += 1;
-                    if self.chunk.len() == CHUNK {
-                        self.write_chunk(conn).await?;
-                    }
-                }
+    /// Writes the next chunk of `sweep`; true if it was the last.
+    pub(crate) async fn step(&mut self, conn: &mut SqliteConnection, sweep: &NewSweep) -> Result<bool, StoreError> {
+        self.plan_chunk(sweep);
+        if !self.chunk.is_empty() {
+            self.write_chunk(conn, sweep).await?;
+        }
+        Ok(self.at.cell == sweep.cells.len())
+    }
+
+    /// Lets everybody see the sweep.
+    pub(crate) async fn list(&self, conn: &mut SqliteConnection) -> Result<(), StoreError> {
+        sqlx::query(LIST).bind(self.submitted.id.0).execute(conn).await?;
+        Ok(())
+    }
+
+    fn plan_chunk(&mut self, sweep: &NewSweep) {
+        while let Some(cell) = sweep.cells.get(self.at.cell) {
+            let Some(text) = cell.scenarios.get(self.at.scenario) else {
+                self.at = Position { cell: self.at.cell + 1, ..Position::default() };
+                continue;
+            };
+            let exhausted = self.at.seeds == sweep.seeds;
+            if !exhausted && self.chunk.len() == CHUNK {
+                return;
+            }
+            let scenario = ScenarioHash::of(text);
+            if exhausted || (self.at.seeds == 0 && !self.at.seen.insert(scenario)) {
+                (self.at.scenario, self.at.seeds) = (self.at.scenario + 1, 0);
+            } else {
+                self.plan_seeds(sweep, scenario, text);
             }
         }
-        self.write_chunk(conn).await
     }
 
-    async fn write_chunk(&mut self, conn: &mut SqliteConnection) -> Result<(), StoreError> {
-        if self.chunk.is_empty() {
-            return Ok(());
+    /// Plans seeds of one scenario, as many as fit.
+    fn plan_seeds(&mut self, sweep: &NewSweep, scenario: ScenarioHash, text: &Arc<str>) {
+        let timing = sweep.timing.then_some(self.submitted.id);
+        self.texts.push((scenario, text.clone()));
+        while self.at.seeds < sweep.seeds && self.chunk.len() < CHUNK {
+            self.at.seeds += 1;
+            let seed = self.at.seeds;
+            let key = JobKey::new(sweep.engine, text, seed, timing);
+            let turn = self.turns.take(sweep.priority);
+            self.chunk.push(Planned { cell: self.cells[self.at.cell], scenario, seed, key, turn });
         }
+    }
+
+    async fn write_chunk(&mut self, conn: &mut SqliteConnection, sweep: &NewSweep) -> Result<(), StoreError> {
         let scenarios = scenario::intern(conn, &self.texts).await?;
         let mut tally = Tally::default();
         let existing = self.existing(conn).await?;
-        self.revive(conn, &existing, &mut tally).await?;
-        self.raise(conn, &existing).await?;
-        let new = self.add_jobs(conn, &existing, &scenarios).await?;
+        let new = self.add_jobs(conn, sweep, &existing, &scenarios).await?;
         let memberships: Vec<_> = self.chunk.iter().map(|planned| (planned.cell, planned.key)).collect();
         sqlx::query(JOIN_CELLS).bind(to_json(&memberships)).execute(&mut *conn).await?;
         self.count(conn, &existing, &mut tally, new).await?;
+        self.share(conn, sweep, &existing, &mut tally).await?;
         tally.write(conn, self.now_ms).await?;
         self.chunk.clear();
         self.texts.clear();
@@ -226,7 +286,7 @@ impl<'a> Expansion<'a> {
     }
 
     /// Jobs of the chunk that are known, by place.
-    async fn existing(&self, conn: &mut SqliteConnection) -> Result<HashMap<usize, (JobId, JobState)>, StoreError> {
+    async fn existing(&self, conn: &mut SqliteConnection) -> Result<Existing, StoreError> {
         let keys: Vec<_> = self.chunk.iter().map(|planned| planned.key).collect();
         let rows: Vec<(i64, i64, String)> = sqlx::query_as(EXISTING).bind(to_json(&keys)).fetch_all(conn).await?;
         let entry =
@@ -234,50 +294,11 @@ impl<'a> Expansion<'a> {
         rows.into_iter().map(entry).collect()
     }
 
-    async fn revive(
-        &self,
-        conn: &mut SqliteConnection,
-        existing: &HashMap<usize, (JobId, JobState)>,
-        tally: &mut Tally,
-    ) -> Result<(), StoreError> {
-        let mut moved = HashMap::new();
-        for (at, (job, state)) in existing {
-            if matches!(state, JobState::Failed | JobState::Cancelled) {
-                let change = Moved { job: *job, from: *state, to: JobState::Queued, metrics: None };
-                moved.insert(*job, (change, self.chunk[*at].turn));
-            }
-        }
-        self.place(conn, REVIVE, moved.iter().map(|(job, (_, turn))| (*job, *turn)).collect()).await?;
-        let moved: Vec<_> = moved.into_values().map(|(change, _)| change).collect();
-        tally.moved(conn, &moved).await
-    }
-
-    async fn raise(
-        &self,
-        conn: &mut SqliteConnection,
-        existing: &HashMap<usize, (JobId, JobState)>,
-    ) -> Result<(), StoreError> {
-        let waiting = existing.iter().filter(|(_, (_, state))| matches!(state, JobState::Queued | JobState::Leased));
-        self.place(conn, RAISE, waiting.map(|(at, (job, _))| (*job, self.chunk[*at].turn)).collect()).await
-    }
-
-    async fn place(
-        &self,
-        conn: &mut SqliteConnection,
-        statement: &'static str,
-        jobs: Vec<(JobId, i64)>,
-    ) -> Result<(), StoreError> {
-        if !jobs.is_empty() {
-            let NewSweep { priority, record, .. } = self.sweep;
-            sqlx::query(statement).bind(to_json(&jobs)).bind(priority).bind(record).execute(conn).await?;
-        }
-        Ok(())
-    }
-
     async fn add_jobs(
         &self,
         conn: &mut SqliteConnection,
-        existing: &HashMap<usize, (JobId, JobState)>,
+        sweep: &NewSweep,
+        existing: &Existing,
         scenarios: &HashMap<ScenarioHash, ScenarioId>,
     ) -> Result<u64, StoreError> {
         let new = self.chunk.iter().enumerate().filter(|(at, _)| !existing.contains_key(at));
@@ -285,15 +306,16 @@ impl<'a> Expansion<'a> {
         if rows.is_empty() {
             return Ok(0);
         }
-        let NewSweep { priority, record, timing, .. } = self.sweep;
+        let next: i64 = sqlx::query_scalar(NEXT_JOB).fetch_one(&mut *conn).await?;
+        let NewSweep { priority, record, timing, .. } = sweep;
         let add = sqlx::query(ADD_JOBS).bind(to_json(&rows)).bind(self.engine_id).bind(priority);
-        Ok(add.bind(record).bind(timing).bind(self.now_ms).execute(conn).await?.rows_affected())
+        Ok(add.bind(record).bind(timing).bind(self.now_ms).bind(next).execute(conn).await?.rows_affected())
     }
 
     async fn count(
         &mut self,
         conn: &mut SqliteConnection,
-        existing: &HashMap<usize, (JobId, JobState)>,
+        existing: &Existing,
         tally: &mut Tally,
         new: u64,
     ) -> Result<(), StoreError> {
@@ -302,13 +324,35 @@ impl<'a> Expansion<'a> {
         let cached = if done.is_empty() { HashMap::new() } else { cached(conn, &to_json(&done)).await? };
         let id = self.submitted.id;
         for (at, planned) in self.chunk.iter().enumerate() {
-            let metrics = existing.get(&at).and_then(|(job, _)| cached.get(job));
-            tally.joined(planned.cell, id, metrics);
+            let (job, state) = existing.get(&at).map_or((None, JobState::Queued), |(job, state)| (Some(job), *state));
+            let metrics = job.and_then(|job| cached.get(job));
+            tally.joined(planned.cell, id, state, metrics);
             self.submitted.total += 1;
             self.submitted.cached += u64::from(metrics.is_some());
         }
         self.submitted.new += new;
         tally.sweep(id).new += i64::try_from(new).unwrap_or(i64::MAX);
+        Ok(())
+    }
+
+    /// Brings the known jobs in line with one more sweep that wants them.
+    async fn share(
+        &mut self,
+        conn: &mut SqliteConnection,
+        sweep: &NewSweep,
+        existing: &Existing,
+        tally: &mut Tally,
+    ) -> Result<(), StoreError> {
+        let mut places: Vec<_> = existing.iter().filter(|(_, (_, state))| *state != JobState::Done).collect();
+        places.sort_unstable_by_key(|(at, _)| **at);
+        let jobs: Vec<JobId> = places.into_iter().map(|(_, (job, _))| *job).collect();
+        let ahead = self.turns.ahead;
+        self.turns.ahead -= i64::try_from(self.chunk.len()).unwrap_or(0);
+        settle(conn, &jobs, true, &mut self.turns, self.engine_id, self.now_ms, tally).await?;
+        self.turns.ahead = ahead;
+        if sweep.record && !jobs.is_empty() {
+            sqlx::query(RECORD).bind(to_json(&jobs)).execute(conn).await?;
+        }
         Ok(())
     }
 }

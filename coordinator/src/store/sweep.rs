@@ -6,7 +6,7 @@ use furrow_schema::sweep::{Sweep, SweepState};
 use crate::error::StoreError;
 use crate::store::{Store, from_json, hash, unsigned};
 
-/// One sweep (?1), or the latest below ?2.
+/// One sweep (?1), or the latest below ?2, of those that are seen.
 const SELECT: &str = "with held as materialized (
         select cell.sweep_id, count(*) as jobs
         from job join cell_job on cell_job.job_id = job.id join cell on cell.id = cell_job.cell_id
@@ -15,6 +15,7 @@ const SELECT: &str = "with held as materialized (
         engine.hash as engine, seeds, factors, record, timing, created_ms, finished_ms
     from sweep join engine on engine.id = sweep.engine_id left join held on held.sweep_id = sweep.id
     where (?1 is null or sweep.id = ?1) and (?2 is null or sweep.id < ?2)
+        and sweep.id not in (select sweep_id from unlisted)
     order by sweep.id desc limit ?3";
 
 #[cfg(test)]
@@ -93,7 +94,8 @@ impl Row {
     }
 }
 
-fn state(word: &str) -> Result<SweepState, StoreError> {
+/// A stored state.
+pub(crate) fn state(word: &str) -> Result<SweepState, StoreError> {
     match word {
         "active" => Ok(SweepState::Active),
         "paused" => Ok(SweepState::Paused),

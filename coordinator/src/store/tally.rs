@@ -26,11 +26,13 @@ const COUNT_SWEEPS: &str = "update sweep
         done = done + (value ->> 4), failed = failed + (value ->> 5), cancelled = cancelled + (value ->> 6)
     from json_each(?1) where sweep.id = value ->> 0";
 
-/// A sweep is done when all its jobs ended, and active again when one of them was queued again.
+/// A sweep is done when all its jobs ended, and active again when one of them was queued again; not one that was
+/// cancelled, or whose jobs are being brought in line with what a user did.
 const SETTLE_SWEEPS: &str = "update sweep
     set state = case when done + failed + cancelled = total then 'done' when state = 'done' then 'active' else state end,
         finished_ms = case when done + failed + cancelled = total then coalesce(finished_ms, ?2) end
-    where id in (select value from json_each(?1)) and state <> 'cancelled'";
+    where id in (select value from json_each(?1)) and state <> 'cancelled'
+        and id not in (select sweep_id from settling)";
 
 /// The moments of cells.
 const MOMENTS: &str = "select cell_id, metric, moments from cell_metric
@@ -106,16 +108,19 @@ impl Tally {
         Ok(())
     }
 
-    /// Counts a job that is new in a cell; one with a result brings its metrics.
-    pub(crate) fn joined(&mut self, cell: CellId, sweep: SweepId, cached: Option<&Metrics>) {
-        let done = i64::from(cached.is_some());
+    /// Counts a job that is new in a cell as it stands; one with a result brings its metrics.
+    pub(crate) fn joined(&mut self, cell: CellId, sweep: SweepId, state: JobState, cached: Option<&Metrics>) {
+        let (done, failed) = (i64::from(cached.is_some()), i64::from(state == JobState::Failed));
         let delta = self.cells.entry(cell).or_default();
         delta.total += 1;
         delta.done += done;
+        delta.failed += failed;
         delta.add(cached);
         let delta = self.sweep(sweep);
         delta.total += 1;
         delta.done += done;
+        delta.failed += failed;
+        delta.cancelled += i64::from(state == JobState::Cancelled);
         delta.cached += done;
     }
 

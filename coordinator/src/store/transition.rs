@@ -44,8 +44,17 @@ const FAIL: &str = "update job
         panics = value ->> 1, deaths = value ->> 2
     from json_each(?1) where job.id = value ->> 0";
 
+/// Jobs that no live sweep wants any more.
+const CANCEL: &str = "update job
+    set state = 'cancelled', claim_id = null, lease_until_ms = null, running = 0, ended_ms = ?2
+    where id in (select value from json_each(?1))";
+
+/// Failed and cancelled jobs start anew; their attempts go on counting.
+const REVIVE: &str = "update job set state = 'queued', ended_ms = null, not_before_ms = 0, panics = 0, deaths = 0
+    where id in (select value from json_each(?1))";
+
 #[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[ADD_RESULTS, ADD_TRAJECTORIES, FINISH, ARCHIVE, REQUEUE, FAIL];
+pub(super) const STATEMENTS: &[&str] = &[ADD_RESULTS, ADD_TRAJECTORIES, FINISH, ARCHIVE, REQUEUE, FAIL, CANCEL, REVIVE];
 
 /// Changes to jobs that are not written yet.
 #[derive(Debug, Default)]
@@ -55,6 +64,8 @@ pub(crate) struct Changes<'a> {
     archived: Vec<(JobId, u32, i64, &'static str, Option<String>)>,
     requeued: Vec<(JobId, i64, u32, u32)>,
     failed: Vec<(JobId, u32, u32)>,
+    cancelled: Vec<JobId>,
+    revived: Vec<JobId>,
     moved: Vec<Moved<'a>>,
     incidents: Vec<Other<'a>>,
 }
@@ -96,6 +107,18 @@ impl<'a> Changes<'a> {
         self.moved.push(Moved { job, from: JobState::Leased, to: JobState::Failed, metrics: None });
     }
 
+    /// A queued or leased job is wanted no more.
+    pub(crate) fn cancel(&mut self, job: JobId, from: JobState) {
+        self.cancelled.push(job);
+        self.moved.push(Moved { job, from, to: JobState::Cancelled, metrics: None });
+    }
+
+    /// A failed or cancelled job is wanted again.
+    pub(crate) fn revive(&mut self, job: JobId, from: JobState) {
+        self.revived.push(job);
+        self.moved.push(Moved { job, from, to: JobState::Queued, metrics: None });
+    }
+
     /// A result that differs from the one on record.
     pub(crate) fn incident(&mut self, other: Other<'a>) {
         self.incidents.push(other);
@@ -113,6 +136,8 @@ impl<'a> Changes<'a> {
         // In this order a job that was given back and then finished within one batch ends up done.
         execute_without_time(conn, REQUEUE, &self.requeued).await?;
         execute(conn, FAIL, &self.failed, now_ms).await?;
+        execute(conn, CANCEL, &self.cancelled, now_ms).await?;
+        execute_without_time(conn, REVIVE, &self.revived).await?;
         execute(conn, ADD_RESULTS, &self.results, now_ms).await?;
         let done: Vec<_> = self.results.iter().map(|row| row.0).collect();
         execute(conn, FINISH, &done, now_ms).await?;

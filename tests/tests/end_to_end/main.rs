@@ -7,6 +7,7 @@
 
 mod bad_input;
 mod bad_requests;
+mod control;
 mod plan;
 mod process;
 mod same_bits;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use reqwest::{Client, Response, StatusCode};
+use reqwest::{Client, Method, Response, StatusCode};
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, BufReader, Lines};
 use tokio::process::ChildStdout;
@@ -65,6 +65,16 @@ impl Server {
     pub(crate) async fn post(&self, path: &str, content_type: &str, body: impl Into<String>) -> Response {
         let request = self.client.post(format!("{}{path}", self.url)).header("content-type", content_type);
         request.body(body.into()).send().await.expect("the server answers")
+    }
+
+    /// The JSON of a good answer to `method` on `path`, with a JSON body if one is given.
+    pub(crate) async fn change(&self, method: Method, path: &str, body: Option<&Value>) -> Value {
+        let request = self.client.request(method, format!("{}{path}", self.url));
+        let request = if let Some(body) = body { request.json(body) } else { request };
+        let response = request.send().await.expect("the server answers");
+        let (status, text) = (response.status(), response.text().await.unwrap());
+        assert_eq!(status, StatusCode::OK, "{path}: {text}");
+        serde_json::from_str(&text).unwrap()
     }
 
     /// A good answer's text.

@@ -1,5 +1,6 @@
 //! The routes on a real coordinator, with results that a test hands in as a worker would.
 
+mod control;
 mod problems;
 mod publications;
 mod resources;

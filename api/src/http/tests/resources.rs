@@ -132,9 +132,13 @@ async fn the_document_lists_every_route_with_its_schemas() {
         "/v1/publications/{source}/{table}",
         "/v1/sweeps",
         "/v1/sweeps/{sweep}",
+        "/v1/sweeps/{sweep}/retry",
         "/v1/sweeps/{sweep}/table",
     ];
     assert!(expected.iter().all(|path| paths.contains(path)), "{paths:?}");
+    let methods: Vec<&str> =
+        document["paths"]["/v1/sweeps/{sweep}"].as_object().unwrap().keys().map(String::as_str).collect();
+    assert!(["get", "patch", "delete"].iter().all(|method| methods.contains(method)), "{methods:?}");
     let schemas = document["components"]["schemas"].as_object().unwrap();
     for reference in references(&document) {
         let name = reference.strip_prefix("#/components/schemas/").unwrap();
