@@ -1,5 +1,6 @@
 //! The command `furrow`: a file per subcommand, and [`error`] for how each can end.
 
+mod backup;
 mod client;
 mod control;
 pub mod error;
@@ -52,6 +53,7 @@ enum Command {
     Retry(control::RetryArgs),
     Table(table::TableArgs),
     Job(job::JobArgs),
+    Backup(backup::BackupArgs),
 }
 
 impl Command {
@@ -77,6 +79,7 @@ impl Command {
             Self::Retry(args) => control::retry(args).await,
             Self::Table(args) => table::run(args).await,
             Self::Job(args) => job::run(args).await,
+            Self::Backup(args) => backup::run(args).await,
         }
     }
 }
@@ -156,6 +159,8 @@ mod tests {
             "furrow retry 3",
             "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
             "furrow job 12 --svg out.svg --json",
+            "furrow submit guyonneau2022/bounds --db x.db",
+            "furrow backup --db x.db --to y.db --json",
         ] {
             parse(line).unwrap_or_else(|error| panic!("{line}: {error}"));
         }
