@@ -184,12 +184,13 @@ pub(super) async fn quick_check(conn: &mut SqliteConnection, path: &Path) -> Res
     if verdict == "ok" { Ok(()) } else { Err(corrupt(path, verdict)) }
 }
 
-/// A file that is read-only shows so only here.
+/// A file that is read-only shows so only with a write, which is undone.
 async fn try_to_write(writer: &SqlitePool) -> Result<(), sqlx::Error> {
     let mut conn = writer.acquire().await?;
     sqlx::query(BEGIN).execute(&mut *conn).await?;
+    let written = sqlx::query(WRITE_NOTHING_NEW).execute(&mut *conn).await;
     sqlx::query(ROLL_BACK).execute(&mut *conn).await?;
-    Ok(())
+    written.map(drop)
 }
 
 /// The mark of this program's files.
@@ -206,6 +207,9 @@ const READ_VERSION: &str = "select coalesce(
 
 /// The first thing that is wrong with the file, or `ok`.
 const QUICK_CHECK: &str = "pragma quick_check(1)";
+
+/// Writes what is there: this program makes no use of it.
+const WRITE_NOTHING_NEW: &str = "pragma user_version = 0";
 
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] = &[READ_APPLICATION_ID, COUNT_TABLES, READ_VERSION, QUICK_CHECK];
