@@ -281,6 +281,11 @@ impl Coordinator {
     /// Answers what is queued, then closes the database with all of it in one file. Later questions are refused.
     pub async fn shutdown(&self) {
         self.shared.stop.cancel();
+        self.ended().await;
+    }
+
+    /// Waits until it has ended: after a shutdown, or by itself, because its database turned out to be damaged.
+    pub async fn ended(&self) {
         self.shared.stopped.cancelled().await;
     }
 

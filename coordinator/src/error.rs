@@ -93,7 +93,10 @@ pub enum StoreError {
     /// The batch that held this command could not be committed. Nothing was changed; the caller may try again.
     #[error("could not be written: {0}")]
     NotWritten(String),
-    /// A stored value or a page is not what it should be. The caller reports it; trying again does not help.
+    /// SQLite finds the file damaged while it is in use. The caller reports it; a coordinator that meets this stops.
+    #[error("the database file is damaged: {0}")]
+    Broken(String),
+    /// A stored value is not what it should be. The caller reports it; trying again does not help.
     #[error("the database is damaged: {0}")]
     Damaged(String),
     /// The coordinator was shut down, or only reads. The caller stops.
@@ -133,7 +136,7 @@ impl StoreError {
     /// Whether the database failed as a whole, so that no other command would fare better.
     pub(crate) fn concerns_all(&self) -> bool {
         match self {
-            Self::Full => true,
+            Self::Full | Self::Broken(_) => true,
             Self::Database(error) => match primary_code(error) {
                 Some(code) => !code::OF_ONE_STATEMENT.contains(&code),
                 None => {
@@ -150,7 +153,7 @@ impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
         match primary_code(&error) {
             _ if is_full(&error) => Self::Full,
-            Some(code::CORRUPT | code::NOT_A_DATABASE) => Self::Damaged(error.to_string()),
+            Some(code::CORRUPT | code::NOT_A_DATABASE) => Self::Broken(error.to_string()),
             _ => Self::Database(error),
         }
     }
@@ -158,4 +161,24 @@ impl From<sqlx::Error> for StoreError {
 
 fn holder(pid: Option<u32>) -> String {
     pid.map_or_else(|| "another process".to_owned(), |pid| format!("process {pid}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Store;
+
+    #[tokio::test]
+    async fn a_statement_is_to_blame_for_some_errors_and_the_disk_for_others() {
+        let store = Store::in_memory().await.unwrap();
+        let run =
+            async |sql: &'static str| StoreError::from(sqlx::raw_sql(sql).execute(store.writer()).await.unwrap_err());
+        let constraint = run("insert into coordinator (one, id) values (1, 'x')").await;
+        assert!(!constraint.concerns_all(), "{constraint}");
+        assert!(!run("nonsense").await.concerns_all());
+        let full = run("pragma max_page_count = 1; create table ballast as select zeroblob(1 << 20) as bytes").await;
+        assert!(matches!(full, StoreError::Full) && full.concerns_all(), "{full}");
+        store.close().await;
+        assert!(run("select 1").await.concerns_all());
+    }
 }

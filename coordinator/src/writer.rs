@@ -65,6 +65,7 @@ impl Writer {
                 first = queue.recv() => first,
                 () = std::future::ready(()), if errands.wait() => {
                     errands.step(&self).await;
+                    self.stop_if_for_good(&stop);
                     continue;
                 }
             };
@@ -81,8 +82,15 @@ impl Writer {
             if errands.wait() {
                 errands.step(&self).await;
             }
+            self.stop_if_for_good(&stop);
         }
         self.store.close().await;
+    }
+
+    fn stop_if_for_good(&self, stop: &CancellationToken) {
+        if self.outage.is_for_good() {
+            stop.cancel();
+        }
     }
 
     async fn serve(&self, batch: Batch) {

@@ -50,6 +50,7 @@ impl From<StoreError> for Problem {
             | StoreError::InUse { .. }
             | StoreError::Corrupt { .. }
             | StoreError::Target { .. }
+            | StoreError::Broken(_)
             | StoreError::Damaged(_) => Self::internal(&error),
         }
     }

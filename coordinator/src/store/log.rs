@@ -93,7 +93,7 @@ mod tests {
 
     const BOUND_BYTES: u64 = 64 << 20;
     /// Transactions of a MiB each.
-    const TRANSACTIONS: u64 = 200;
+    const TRANSACTIONS: u64 = 120;
 
     async fn reader(path: &Path) -> SqliteConnection {
         SqliteConnectOptions::new().filename(path).read_only(true).connect().await.unwrap()

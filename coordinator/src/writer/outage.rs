@@ -1,4 +1,4 @@
-//! A time in which the database cannot be written: said once, and not held against workers.
+//! A time in which the database cannot be written: said once, and not held against workers. A damaged file ends it all.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 
@@ -9,6 +9,7 @@ use crate::error::StoreError;
 #[derive(Debug, Default)]
 pub(super) struct Outage {
     lasts: AtomicBool,
+    for_good: AtomicBool,
     /// Until then no lease runs out: those who hold one could not renew it [ms since 1970].
     leases_hold_until_ms: AtomicI64,
 }
@@ -18,6 +19,9 @@ impl Outage {
     pub(super) fn note(&self, error: &StoreError, now_ms: i64) {
         if !error.concerns_all() {
             return tracing::error!(%error, "could not write");
+        }
+        if matches!(error, StoreError::Broken(_)) && !self.for_good.swap(true, Ordering::Relaxed) {
+            return tracing::error!(%error, "the coordinator stops: serve a backup of the database");
         }
         let back_within_ms = Config::WORKERS_ARE_BACK_WITHIN.as_millis() as i64;
         self.leases_hold_until_ms.store(now_ms + back_within_ms, Ordering::Relaxed);
@@ -35,6 +39,11 @@ impl Outage {
         }
     }
 
+    /// Whether there is no use in going on.
+    pub(super) fn is_for_good(&self) -> bool {
+        self.for_good.load(Ordering::Relaxed)
+    }
+
     /// Whether leases hold, whatever the clock says.
     pub(super) fn leases_hold(&self, now_ms: i64) -> bool {
         now_ms < self.leases_hold_until_ms.load(Ordering::Relaxed)
@@ -43,7 +52,9 @@ impl Outage {
 
 #[cfg(test)]
 mod tests {
-    use furrow_schema::protocol::{LEASE_MS, LeasedJob, Recorded, Refusal, Reply, Report, RunEnd, RunReport};
+    use furrow_schema::protocol::{
+        HeldJob, LEASE_MS, LeasedJob, Recorded, Refusal, Renew, Reply, Report, RunEnd, RunReport,
+    };
     use furrow_schema::sweep::SweepState;
     use futures::future::join_all;
 
@@ -76,7 +87,12 @@ mod tests {
         let jobs = worker.claim(20).await;
         fill_disk(&bench, true).await;
         for _ in 0..3 {
-            let answers = join_all(jobs.iter().map(|job| finish(&worker, &bench, job))).await;
+            // A renewal alone would need no room: it is of the same batch.
+            let held = jobs.iter().map(|job| HeldJob { job: job.job, attempt: job.attempt, running: true }).collect();
+            let renewal = bench.coordinator.renew(worker.call(Renew { held }));
+            let reports = join_all(jobs.iter().map(|job| finish(&worker, &bench, job)));
+            let (answers, renewed) = tokio::join!(reports, renewal);
+            assert!(matches!(renewed, Reply::Refused(Refusal::Unavailable { .. })), "{renewed:?}");
             for answer in answers {
                 let refused = answer.into_result().unwrap_err();
                 assert!(matches!(&refused, Refusal::Unavailable { detail } if detail.contains("full")), "{refused:?}");
@@ -124,5 +140,27 @@ mod tests {
         assert_eq!(bench.sweep(id).await.leased, 1);
         bench.pass(1_001).await;
         assert_eq!(bench.sweep(id).await.queued, 1);
+    }
+
+    #[tokio::test]
+    async fn a_file_that_is_damaged_while_in_use_stops_the_coordinator() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("furrow.db");
+        let bench = Bench::over(Store::open(&path).await.unwrap());
+        bench.submit(sweep(&["rgop"], 500)).await;
+        let worker = bench.worker().await;
+        // All of it goes into the file, and nothing is kept in memory.
+        for pragma in ["pragma wal_checkpoint(truncate)", "pragma shrink_memory"] {
+            sqlx::query(pragma).execute(bench.store.writer()).await.unwrap();
+        }
+        let file = std::fs::File::options().write(true).open(&path).unwrap();
+        let bytes = file.metadata().unwrap().len() as usize - 4_096;
+        std::os::unix::fs::FileExt::write_all_at(&file, &vec![0xff; bytes], 4_096).unwrap();
+        let refused = bench.coordinator.claim(worker.claim_call(1)).await.into_result().unwrap_err();
+        assert!(matches!(&refused, Refusal::Unavailable { detail } if detail.contains("damaged")), "{refused:?}");
+        bench.coordinator.ended().await;
+        assert!(matches!(bench.coordinator.keep_house().await, Err(StoreError::Closed)));
+        let again = Store::open(&path).await.unwrap_err();
+        assert!(matches!(again, StoreError::Corrupt { .. }), "{again}");
     }
 }
