@@ -85,7 +85,7 @@ pub enum StoreError {
         sweep: EngineId,
     },
     /// No room is left on the disk. Nothing was changed; the caller may try again when there is.
-    #[error("the disk is full, and nothing was changed; it goes on by itself when there is room")]
+    #[error("the disk is full: nothing was changed, and nothing will be until there is room")]
     Full,
     /// The database failed: file gone, I/O. Nothing was changed; the caller may try again.
     #[error("the database failed: {0}")]

@@ -6,8 +6,8 @@
 //! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
 //! table each. Statements are constants with a sentence each; a test prepares all of them.
 //!
-//! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from changing it,
-//! `transaction` and `log` are what the writer writes through, `backup` copies all of it.
+//! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
+//! changing it, `transaction` and `log` are what the writer writes through, `backup` copies all of it.
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
 

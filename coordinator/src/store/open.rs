@@ -74,7 +74,7 @@ pub(super) async fn to_read(path: &Path) -> Result<SqlitePool, StoreError> {
     Ok(lasting_pool(READERS).min_connections(0).connect_lazy_with(options))
 }
 
-/// One connection that reads the file, which is of this program and of this version; and how to get another.
+/// A connection that reads the file, which is of this program and of this version; and how to get another.
 pub(super) async fn reader(path: &Path) -> Result<(SqliteConnectOptions, SqliteConnection), StoreError> {
     let path = place(path)?;
     if !has_content(&path) {
@@ -212,7 +212,8 @@ const QUICK_CHECK: &str = "pragma quick_check(1)";
 const WRITE_NOTHING_NEW: &str = "pragma user_version = 0";
 
 #[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[READ_APPLICATION_ID, COUNT_TABLES, READ_VERSION, QUICK_CHECK];
+pub(super) const STATEMENTS: &[&str] =
+    &[READ_APPLICATION_ID, COUNT_TABLES, READ_VERSION, QUICK_CHECK, WRITE_NOTHING_NEW];
 
 async fn judge(conn: &mut SqliteConnection, path: &Path) -> Result<i64, StoreError> {
     let wrong = |error| explain(path, error);

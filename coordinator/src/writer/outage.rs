@@ -133,7 +133,7 @@ mod tests {
         let worker = bench.worker().await;
         let jobs = worker.claim(1).await;
         fill_disk(&bench, true).await;
-        bench.clock.advance(LEASE_MS as i64 + 1_000);
+        bench.clock.advance(LEASE_MS + 1_000);
         assert!(finish(&worker, &bench, &jobs[0]).await.into_result().is_err());
         fill_disk(&bench, false).await;
         bench.pass(9_000).await;
