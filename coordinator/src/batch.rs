@@ -135,14 +135,18 @@ impl Batch {
             let _ = to.send(Reply::Refused(Refusal::Unavailable { detail: detail.to_owned() }));
         }
         let detail = error.to_string();
+        let not_written = || match error {
+            StoreError::Full => StoreError::Full,
+            _ => StoreError::NotWritten(detail.clone()),
+        };
         for command in self.commands() {
             match command {
                 Command::Hello(_, to) => unavailable(to, &detail),
                 Command::Claim(_, to) => unavailable(to, &detail),
                 Command::Result(_, to) => unavailable(to, &detail),
                 Command::Renew(_, to) => unavailable(to, &detail),
-                Command::Submit(_, to) => _ = to.send(Err(StoreError::NotWritten(detail.clone()))),
-                Command::KeepHouse(to) => _ = to.send(Err(StoreError::NotWritten(detail.clone()))),
+                Command::Submit(_, to) => _ = to.send(Err(not_written())),
+                Command::KeepHouse(to) => _ = to.send(Err(not_written())),
                 Command::Errand(_) => {}
             }
         }

@@ -59,6 +59,21 @@ impl Coordinator {
         Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
     }
 
+    /// A coordinator that answers what is asked of a store opened to read, beside the one that changes it. All else is
+    /// refused with [`StoreError::Closed`].
+    ///
+    /// # Panics
+    /// Outside a tokio runtime.
+    #[must_use]
+    pub fn reading(store: Store, config: Config) -> Self {
+        // Nobody receives what is sent into this queue, or rings this bell.
+        let ((commands, _), (_, changed)) = (mpsc::channel(1), watch::channel(0));
+        let rates = Arc::new(Rates::starting_at(config.clock.now_ms()));
+        let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
+        tokio::spawn(close_when_asked(store.clone(), stop.clone(), stopped.clone()));
+        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
+    }
+
     /// The name under which workers find this coordinator; it stays with the database.
     #[must_use]
     pub fn id(&self) -> &str {
@@ -266,6 +281,11 @@ impl Coordinator {
     /// Answers what is queued, then closes the database with all of it in one file. Later questions are refused.
     pub async fn shutdown(&self) {
         self.shared.stop.cancel();
+        self.ended().await;
+    }
+
+    /// Waits until it has ended: after a shutdown, or by itself, because its database turned out to be damaged.
+    pub async fn ended(&self) {
         self.shared.stopped.cancelled().await;
     }
 
@@ -298,4 +318,10 @@ impl Coordinator {
     async fn send(&self, command: Command) -> Result<(), StoreError> {
         self.shared.commands.send(command).await.map_err(|_| StoreError::Closed)
     }
+}
+
+async fn close_when_asked(store: Store, stop: CancellationToken, stopped: CancellationToken) {
+    let _say_so_when_done = stopped.drop_guard();
+    stop.cancelled().await;
+    store.close().await;
 }

@@ -30,7 +30,7 @@ mod testing;
 pub use config::{Clock, ClockHand, Config};
 pub use coordinator::Coordinator;
 pub use error::StoreError;
-pub use store::Store;
+pub use store::{Backup, Store};
 pub use view::{
     Attempt, AttemptEnd, CellSummary, CellValues, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem, JobPage,
     JobRef, JobResult, KeyPrefix, RunValue, SweepChange, WorkerInfo,

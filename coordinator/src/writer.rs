@@ -7,6 +7,7 @@
 //! What changes many jobs at once is an errand, done in steps between the batches.
 
 mod errands;
+mod outage;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,6 +25,7 @@ use crate::rate::Rates;
 use crate::store::tally::Tally;
 use crate::store::{Store, claim, expiry, renew, result, submit, worker};
 use errands::Errands;
+use outage::Outage;
 
 /// At most this many commands share a transaction.
 const BATCH_COMMANDS: usize = 256;
@@ -36,11 +38,12 @@ pub(crate) struct Writer {
     config: Config,
     rates: Arc<Rates>,
     bell: watch::Sender<u64>,
+    outage: Outage,
 }
 
 impl Writer {
     pub(crate) fn new(store: Store, config: Config, rates: Arc<Rates>, bell: watch::Sender<u64>) -> Self {
-        Self { store, config, rates, bell }
+        Self { store, config, rates, bell, outage: Outage::default() }
     }
 
     /// Serves the queue until nobody can ask any more or `stop`; then empties it and closes the database.
@@ -62,6 +65,7 @@ impl Writer {
                 first = queue.recv() => first,
                 () = std::future::ready(()), if errands.wait() => {
                     errands.step(&self).await;
+                    self.stop_if_for_good(&stop);
                     continue;
                 }
             };
@@ -78,8 +82,15 @@ impl Writer {
             if errands.wait() {
                 errands.step(&self).await;
             }
+            self.stop_if_for_good(&stop);
         }
         self.store.close().await;
+    }
+
+    fn stop_if_for_good(&self, stop: &CancellationToken) {
+        if self.outage.is_for_good() {
+            stop.cancel();
+        }
     }
 
     async fn serve(&self, batch: Batch) {
@@ -90,27 +101,35 @@ impl Writer {
             Ok(answers) => return self.publish(batch, answers),
             Err(error) => error,
         };
-        if batch.len() == 1 {
-            tracing::error!(error = %failed, "could not write");
-            return batch.refuse(&failed);
+        if batch.len() == 1 || failed.concerns_all() {
+            return self.refuse(batch, &failed);
         }
         tracing::warn!(error = %failed, commands = batch.len(), "could not write a batch; trying its commands alone");
+        let mut failed_for_all = None;
         for single in batch.split() {
+            if let Some(error) = &failed_for_all {
+                self.refuse(single, error);
+                continue;
+            }
             match self.commit(&single).await {
                 Ok(answers) => self.publish(single, answers),
                 Err(error) => {
-                    tracing::error!(%error, "could not write");
-                    single.refuse(&error);
+                    self.refuse(single, &error);
+                    failed_for_all = Some(error).filter(StoreError::concerns_all);
                 }
             }
         }
     }
 
     async fn commit(&self, batch: &Batch) -> Result<Answers, StoreError> {
-        let mut transaction = self.store.writer().begin_with("begin immediate").await?;
-        let answers = self.apply(&mut transaction, batch).await?;
-        transaction.commit().await?;
-        Ok(answers)
+        let mut transaction = self.store.begin().await?;
+        let applied = self.apply(&mut transaction, batch).await;
+        self.store.end(transaction, applied).await
+    }
+
+    fn refuse(&self, batch: Batch, error: &StoreError) {
+        self.outage.note(error, self.config.clock.now_ms());
+        batch.refuse(error);
     }
 
     async fn apply(&self, conn: &mut SqliteConnection, batch: &Batch) -> Result<Answers, StoreError> {
@@ -180,7 +199,7 @@ impl Writer {
         now_ms: i64,
         tally: &mut Tally,
     ) -> Result<bool, StoreError> {
-        if batch.housekeeping.is_empty() {
+        if batch.housekeeping.is_empty() || self.outage.leases_hold(now_ms) {
             return Ok(false);
         }
         Ok(expiry::expire(conn, self.config.max_attempts, engine_id, now_ms, tally).await? > 0)
@@ -196,6 +215,7 @@ impl Writer {
             self.rates.count(sweep, results, now_ms);
         }
         if answers.visible {
+            self.outage.over();
             self.ring();
         }
         batch.answer(answers);

@@ -1,5 +1,6 @@
 //! The command `furrow`: a file per subcommand, and [`error`] for how each can end.
 
+mod backup;
 mod bench;
 mod client;
 mod control;
@@ -54,6 +55,7 @@ enum Command {
     Table(table::TableArgs),
     Job(job::JobArgs),
     Bench(bench::BenchArgs),
+    Backup(backup::BackupArgs),
 }
 
 impl Command {
@@ -80,6 +82,7 @@ impl Command {
             Self::Table(args) => table::run(args).await,
             Self::Job(args) => job::run(args).await,
             Self::Bench(args) => bench::run(args).await,
+            Self::Backup(args) => backup::run(args).await,
         }
     }
 }
@@ -161,6 +164,8 @@ mod tests {
             "furrow job 12 --svg out.svg --json",
             "furrow bench queue --jobs 1000 --cells 24 --workers 2 --threads 1 --job-ms 50 --dir /var/tmp --json",
             "furrow bench queue --one-by-one 8",
+            "furrow submit guyonneau2022/bounds --db x.db",
+            "furrow backup --db x.db --to y.db --json",
         ] {
             parse(line).unwrap_or_else(|error| panic!("{line}: {error}"));
         }

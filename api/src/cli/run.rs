@@ -114,7 +114,7 @@ async fn finish(
     let mut progress = Progress::start(&name, total, cached);
     let ended = tokio::select! {
         ended = watch(&coordinator, id, &mut progress) => ended,
-        end = farm.worker_ended() => Err(CliError::Failed(end.to_string())),
+        end = farm.ended() => Err(CliError::Failed(end.to_string())),
         () = stop.cancelled() => Err(CliError::Stopped),
     };
     progress.finish(started.elapsed().as_secs_f64());

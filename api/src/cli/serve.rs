@@ -63,7 +63,7 @@ async fn serve(listener: TcpListener, endpoint: &str, mut farm: Farm, stop: Canc
     let app = App::new(farm.coordinator().clone());
     let ended = tokio::select! {
         ended = http::serve(listener, app, stop.clone()) => ended.map_err(CliError::failed("HTTP failed")),
-        end = farm.worker_ended() => Err(CliError::Failed(end.to_string())),
+        end = farm.ended() => Err(CliError::Failed(end.to_string())),
         () = overdue(&stop) => Ok(()),
     };
     service.close().await;

@@ -1,13 +1,17 @@
 //! Drives the real `furrow` processes, as users and workers do.
 //!
 //! `process` starts them, `server` is a running `furrow serve` seen through its HTTP interface, `plan` writes small
-//! plans; the other modules are the claims. The binary `furrow` must have been built before, in the same profile:
-//! `cargo build` and `cargo test`.
+//! plans, `mount` makes file systems that are full or read-only; the other modules are the claims. The binary `furrow`
+//! must have been built before, in the same profile: `cargo build` and `cargo test`.
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "all of this is test code")]
 
+mod backup;
 mod bad_input;
 mod bad_requests;
 mod control;
+mod database;
+mod full_disk;
+mod mount;
 mod plan;
 mod process;
 mod same_bits;
