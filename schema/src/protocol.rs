@@ -165,6 +165,14 @@ pub enum Refusal {
     },
 }
 
+impl Refusal {
+    /// Whether the coordinator will not have this worker, whatever it asks.
+    #[must_use]
+    pub fn turns_away(&self) -> bool {
+        matches!(self, Self::BadCredential | Self::NotEnrolled | Self::Revoked | Self::Expired)
+    }
+}
+
 /// A worker presents itself. Repeated after every reconnection.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
