@@ -68,12 +68,12 @@ async fn serve(
         }
     };
     let address = listener.local_addr().map_err(CliError::failed("cannot tell the address"))?;
-    // A service outlives whoever read its first lines.
-    let _ = announce(&address, service.endpoints());
     let told = match service.gate() {
         Some(gate) => lan.tell_first_secret(gate).await,
         None => Ok(()),
     };
+    // A service outlives whoever read its first lines.
+    let _ = announce(&address, service.endpoints());
     let app = App::new(farm.coordinator().clone()).with_gate(service.gate().cloned());
     let ended = tokio::select! {
         biased;
