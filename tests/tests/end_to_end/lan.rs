@@ -4,9 +4,12 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::Duration;
 
+use furrow_schema::protocol::Reply;
+use furrow_worker::lan::{Enrolment, keep_fresh};
+use furrow_worker::{ConnectConfig, Link, ZenohLink};
 use serde_json::{Value, json};
 
-use crate::machine::{serve_lan, serve_lan_at};
+use crate::machine::{Machine, secret_in, serve_lan, serve_lan_at};
 use crate::plan::{directory, file, path, plan};
 use crate::process::{self, Running};
 use crate::server::Server;
@@ -112,6 +115,56 @@ async fn a_worker_whose_time_is_over_ends_and_may_be_let_in_again() {
     let _again = worker(&server, None);
     let sweep = server.submit(&json!({"plan": plan(2.0, 1)})).await;
     assert_eq!(server.done(sweep).await["done"], 4);
+}
+
+/// A worker's way to its coordinator, as the worker of `machine`'s folder has it.
+async fn link(machine: &Machine, enrolment: &Enrolment) -> ZenohLink {
+    ZenohLink::connect(ConnectConfig::enrolled(enrolment, &machine.key_pem)).await.unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_whose_first_address_is_dead_gets_in_by_the_next() {
+    let directory = directory();
+    let (_server, secret) = serve_lan(&path(&directory, "served.db")).await;
+    let mut secret = secret_in(&secret);
+    secret.endpoints.insert(0, "quic/127.0.0.1:1".to_owned());
+    let spool = crate::machine::enrol(&secret, directory.path()).await.unwrap();
+    let (enrolment, key_pem) = {
+        let spool = spool.lock().unwrap();
+        (spool.enrolment().unwrap().clone(), spool.key_pem().unwrap())
+    };
+    assert_eq!(enrolment.endpoints.len(), 2);
+    let link = ZenohLink::connect(ConnectConfig::enrolled(&enrolment, &key_pem)).await.unwrap();
+    assert_eq!(link.coordinator(), secret.coordinator);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_certificate_that_ends_is_replaced_while_the_worker_works() {
+    let directory = directory();
+    let (_server, secret) = serve_lan(&path(&directory, "served.db")).await;
+    let machine = Machine::enrol(&secret_in(&secret), directory.path()).await;
+    let ending = Enrolment { certificate_ms: [0, 1], ..machine.enrolment.clone() };
+    let link = link(&machine, &ending).await;
+    machine.spool.lock().unwrap().keep_enrolment(ending.clone()).unwrap();
+    let replaced = async {
+        loop {
+            let now = machine.spool.lock().unwrap().enrolment().unwrap().clone();
+            if now.certificate_pem != ending.certificate_pem {
+                return now;
+            }
+            tokio::task::yield_now().await;
+        }
+    };
+    let fresh = tokio::select! {
+        fresh = replaced => fresh,
+        never = keep_fresh(&link, &machine.spool) => match never {},
+    };
+    assert!(fresh.certificate_ms[1] > machine.enrolment.certificate_ms[0], "{fresh:?}");
+    assert_eq!(fresh.credential, ending.credential);
+    for link in [link, self::link(&machine, &fresh).await] {
+        let answer = link.claim(machine.claim(1)).await;
+        assert!(matches!(answer, Ok(Reply::Ok(_))), "{answer:?}");
+    }
 }
 
 #[tokio::test]

@@ -51,7 +51,17 @@ pub(crate) type Pair<'a> = (&'a str, &'a str);
 
 /// Tries once to open a session at `endpoint` over QUIC, trusting `authority_pem`, with a certificate or without.
 pub(crate) async fn connect(endpoint: &str, authority_pem: &str, own: Option<Pair<'_>>) -> Result<Session, String> {
-    let mut settings = vec![("transport/link/tls/root_ca_certificate_base64", json!(base64(authority_pem)))];
+    connect_with(endpoint, authority_pem, own, Vec::new()).await
+}
+
+/// The same with further settings.
+pub(crate) async fn connect_with(
+    endpoint: &str,
+    authority_pem: &str,
+    own: Option<Pair<'_>>,
+    mut settings: Vec<(&str, Value)>,
+) -> Result<Session, String> {
+    settings.push(("transport/link/tls/root_ca_certificate_base64", json!(base64(authority_pem))));
     settings.push(("transport/link/tls/enable_mtls", json!(own.is_some())));
     if let Some((certificate, key)) = own {
         settings.push(("transport/link/tls/connect_certificate_base64", json!(base64(certificate))));
@@ -88,7 +98,7 @@ pub(crate) struct Machine {
     pub(crate) enrolment: Enrolment,
     pub(crate) key_pem: String,
     pub(crate) session: Session,
-    _spool: Mutex<Spool>,
+    pub(crate) spool: Mutex<Spool>,
 }
 
 pub(crate) fn hello() -> Hello {
@@ -122,7 +132,7 @@ impl Machine {
         };
         let own = (enrolment.certificate_pem.as_str(), key_pem.as_str());
         let session = connect(&enrolment.endpoints[0], &enrolment.authority_pem, Some(own)).await.unwrap();
-        Self { identity, enrolment, key_pem, session, _spool: spool }
+        Self { identity, enrolment, key_pem, session, spool }
     }
 
     pub(crate) fn call<T>(&self, body: T) -> Call<T> {

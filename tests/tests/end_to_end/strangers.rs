@@ -15,7 +15,9 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 use zenoh::Wait;
 
-use crate::machine::{Machine, ask, connect, hello, new_secret, open, refused, secret_in, serve_lan, serve_lan_at};
+use crate::machine::{
+    Machine, ask, base64, connect, connect_with, hello, new_secret, open, refused, secret_in, serve_lan, serve_lan_at,
+};
 use crate::plan::{directory, path, plan};
 use crate::process;
 use crate::server::Server;
@@ -65,13 +67,38 @@ async fn a_worker_does_not_go_to_a_coordinator_of_another_authority() {
     connect(&server.endpoint, &machine.enrolment.authority_pem, Some(own))
         .await
         .expect_err("it is not its coordinator");
-    // Even one that shows a worker's certificate is no coordinator for a worker.
     assert_eq!(
         machine.ask::<Leases>(Method::Claim, &machine.claim(1)).await,
         None,
         "nor is the old connection taken up"
     );
     assert_eq!(impostor.json("/v1/workers").await["items"], json!([]));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_workers_certificate_makes_no_coordinator() {
+    let directory = directory();
+    let (_server, secret) = lan(&directory).await;
+    let machine = Machine::enrol(&secret_in(&secret), &place(&directory, "spool")).await;
+    let free = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let endpoint = format!("quic/{free}");
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("listen/endpoints", json!([endpoint])),
+        ("scouting/multicast/enabled", json!(false)),
+        ("transport/link/tls/root_ca_certificate_base64", json!(base64(&machine.enrolment.authority_pem))),
+        ("transport/link/tls/listen_certificate_base64", json!(base64(&machine.enrolment.certificate_pem))),
+        ("transport/link/tls/listen_private_key_base64", json!(base64(&machine.key_pem))),
+        ("transport/link/tls/enable_mtls", json!(true)),
+    ] {
+        config.insert_json5(key, &value.to_string()).unwrap();
+    }
+    let _impostor = zenoh::open(config).await.unwrap();
+    let own = (machine.enrolment.certificate_pem.as_str(), machine.key_pem.as_str());
+    let authority = &machine.enrolment.authority_pem;
+    connect(&endpoint, authority, Some(own)).await.expect_err("its name is not the endpoint's");
+    let any_name = vec![("transport/link/tls/verify_name_on_connect", json!(false))];
+    connect_with(&endpoint, authority, Some(own), any_name).await.expect_err("nor is it for a server under any name");
 }
 
 #[tokio::test(flavor = "multi_thread")]
