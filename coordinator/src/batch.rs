@@ -22,11 +22,14 @@ pub(crate) type Outcome<T> = oneshot::Sender<Result<T, StoreError>>;
 /// What is asked about admission may be refused, as a worker's question.
 pub(crate) type Admission = Result<Admitted, Refusal>;
 
+/// A worker that presents itself, and what becomes of it if it is new.
+pub(crate) type Greeting = (Call<Hello>, Newcomers);
+
 /// Something that changes the database.
 #[derive(Debug)]
 pub(crate) enum Command {
     Admission(admission::Request, Outcome<Admission>),
-    Hello((Call<Hello>, Newcomers), Answer<Welcome>),
+    Hello(Greeting, Answer<Welcome>),
     Claim(Call<Claim>, Answer<Leases>),
     Result(Call<Report>, Answer<Recorded>),
     Renew(Call<Renew>, Answer<Renewed>),
@@ -48,7 +51,7 @@ pub(crate) enum Errand {
 #[derive(Debug, Default)]
 pub(crate) struct Batch {
     pub(crate) admissions: Vec<(admission::Request, Outcome<Admission>)>,
-    pub(crate) hellos: Vec<((Call<Hello>, Newcomers), Answer<Welcome>)>,
+    pub(crate) hellos: Vec<(Greeting, Answer<Welcome>)>,
     pub(crate) results: Vec<(Call<Report>, Answer<Recorded>)>,
     pub(crate) renewals: Vec<(Call<Renew>, Answer<Renewed>)>,
     pub(crate) housekeeping: Vec<Outcome<()>>,

@@ -166,7 +166,7 @@ mod tests {
         let words: Vec<_> = line.split_whitespace().collect();
         let id = worker.id.to_string();
         let expected =
-            ["barn", "live", "join", "secret", "in", "1", "min", "00", "s", "2", "s", "ago", "2", "3", "40", "1.2"];
+            ["barn", "live", "join", "secret", "in", "1", "min", "00", "s", "2.0", "s", "ago", "2", "3", "40", "1.2"];
         assert_eq!((words[0], &words[1..]), (id.as_str(), &expected[..]));
         let over = WorkerLine { until_ms: Some(9_000), ..worker };
         assert!(table(&[over], 10_000).contains("over"));
