@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use furrow_schema::id::PublicKey;
+use furrow_schema::id::{PublicKey, WorkerId};
 use furrow_schema::join::JoinSecret;
 use furrow_schema::protocol::{
     Call, Certificate, Enrol, Enrolled, Method, Refresh, Refusal, Reply, enrolment_statement,
@@ -48,7 +48,7 @@ impl Gate {
         let now_ms = self.coordinator.now_ms();
         let until_ms = now_ms + terms.valid_ms;
         let signed = self.authority.join(now_ms, until_ms);
-        // A worker that enrols uses it up; a user who makes one is refused nothing.
+        // There is nothing to refuse about it.
         let _ = self.coordinator.admission(Request::AddSecret(signed.public_key, terms)).await?;
         Ok(JoinSecret {
             coordinator: self.coordinator.id().to_owned(),
@@ -61,15 +61,12 @@ impl Gate {
         })
     }
 
-    /// The first join secret; none if there ever was one.
+    /// Whether there ever was a join secret.
     ///
     /// # Errors
-    /// As for [`Gate::new_secret`], and [`StoreError::Database`].
-    pub async fn first_secret(&self, terms: SecretTerms) -> Result<Option<JoinSecret>, StoreError> {
-        if admission::any_secret(self.coordinator.store()).await? {
-            return Ok(None);
-        }
-        self.new_secret(terms).await.map(Some)
+    /// [`StoreError::Database`].
+    pub async fn had_secret(&self) -> Result<bool, StoreError> {
+        admission::any_secret(self.coordinator.store()).await
     }
 
     /// A worker asks to be taken in.
@@ -116,7 +113,7 @@ impl Gate {
         }
     }
 
-    fn certificate(&self, worker: &furrow_schema::id::WorkerId, key: PublicKey, until_ms: i64) -> Certificate {
+    fn certificate(&self, worker: &WorkerId, key: PublicKey, until_ms: i64) -> Certificate {
         let pem = self.authority.worker(worker, key, self.coordinator.now_ms(), until_ms);
         Certificate { pem, until_ms }
     }

@@ -51,17 +51,19 @@ impl LanArgs {
     /// # Errors
     /// The file cannot be written, or is there already; the database failed.
     pub(super) async fn tell_first_secret(&self, gate: &Gate) -> Result<(), CliError> {
-        let terms = NewJoinSecret::default().terms().expect("the default terms are good");
-        let Some(secret) = gate.first_secret(terms).await? else {
+        if gate.had_secret().await? {
             let _ = output::line("new workers join with a secret from `furrow join`");
             return Ok(());
+        }
+        let terms = NewJoinSecret::default().terms().expect("the default terms are good");
+        let Some(path) = &self.join_out else {
+            let secret = gate.new_secret(terms).await?;
+            let text = format!("new workers join with this secret, within a day; it is not shown again:\n{secret}");
+            let _ = output::line(&text);
+            return Ok(());
         };
-        let told = match &self.join_out {
-            Some(path) => join::write(path, join::new_file("--join-out", path)?, &secret.to_string()),
-            None => output::line(&format!(
-                "new workers join with this secret, within a day; it is not shown again:\n{secret}"
-            )),
-        };
-        if self.join_out.is_some() { told } else { Ok(()) }
+        // A file that cannot be made is found out before there is a secret to lose.
+        let file = join::new_file("--join-out", path)?;
+        join::write(path, file, &gate.new_secret(terms).await?.to_string())
     }
 }

@@ -230,11 +230,33 @@ async fn a_certificate_is_refreshed_for_the_key_that_was_enrolled() {
 }
 
 #[tokio::test]
-async fn only_the_first_start_draws_a_join_secret_by_itself() {
+async fn it_is_known_whether_there_ever_was_a_join_secret() {
     let bench = Bench::new().await;
     let gate = gate(&bench);
-    assert!(gate.first_secret(TERMS).await.unwrap().is_some());
-    assert!(gate.first_secret(TERMS).await.unwrap().is_none());
+    assert!(!gate.had_secret().await.unwrap());
+    gate.new_secret(TERMS).await.unwrap();
+    bench.pass(HOUR_MS).await;
+    assert!(gate.had_secret().await.unwrap());
+}
+
+#[tokio::test]
+async fn garbage_is_refused() {
+    let bench = Bench::new().await;
+    let gate = gate(&bench);
+    let secret = gate.new_secret(TERMS).await.unwrap();
+    let mut question = serde_json::to_value(Machine::new().enrol_call(&secret)).unwrap();
+    for (key, value) in [("signature", "\u{e9}".repeat(64)), ("proof", String::new()), ("public_key", "0".repeat(63))] {
+        let good = question["body"][key].take();
+        question["body"][key] = value.into();
+        for method in [Method::Enrol, Method::Refresh] {
+            let answer = gate.handle(method, question.to_string().as_bytes()).await;
+            let answer: serde_json::Value = serde_json::from_slice(&answer).unwrap();
+            let reason = answer["refused"]["reason"].as_str().unwrap();
+            assert!(matches!(reason, "malformed" | "enrolment"), "{key}: {answer}");
+        }
+        question["body"][key] = good;
+    }
+    assert!(bench.coordinator.workers().await.unwrap().is_empty());
 }
 
 #[tokio::test]
