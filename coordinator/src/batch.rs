@@ -1,14 +1,17 @@
 //! What waits for the writer, and what shares a transaction.
 
-use furrow_schema::id::SweepId;
-use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
+use furrow_schema::id::{SweepId, WorkerId};
+use furrow_schema::protocol::{
+    Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, RunEnd, RunReport, Welcome,
+};
 use furrow_schema::sweep::{NewSweep, Submitted};
 use tokio::sync::oneshot;
 
 use crate::error::StoreError;
+use crate::store::admission::{self, Admitted};
 use crate::store::control::Control;
 use crate::store::tally::Tally;
-use crate::store::worker::Known;
+use crate::store::worker::{Known, Newcomers};
 
 /// Where an answer to a worker goes.
 pub(crate) type Answer<T> = oneshot::Sender<Reply<T>>;
@@ -16,10 +19,17 @@ pub(crate) type Answer<T> = oneshot::Sender<Reply<T>>;
 /// Where an answer to anybody else goes.
 pub(crate) type Outcome<T> = oneshot::Sender<Result<T, StoreError>>;
 
+/// What is asked about admission may be refused, as a worker's question.
+pub(crate) type Admission = Result<Admitted, Refusal>;
+
+/// A worker that presents itself, and what becomes of it if it is new.
+pub(crate) type Greeting = (Call<Hello>, Newcomers);
+
 /// Something that changes the database.
 #[derive(Debug)]
 pub(crate) enum Command {
-    Hello(Call<Hello>, Answer<Welcome>),
+    Admission(admission::Request, Outcome<Admission>),
+    Hello(Greeting, Answer<Welcome>),
     Claim(Call<Claim>, Answer<Leases>),
     Result(Call<Report>, Answer<Recorded>),
     Renew(Call<Renew>, Answer<Renewed>),
@@ -40,7 +50,8 @@ pub(crate) enum Errand {
 /// The commands that share a transaction, by kind.
 #[derive(Debug, Default)]
 pub(crate) struct Batch {
-    pub(crate) hellos: Vec<(Call<Hello>, Answer<Welcome>)>,
+    pub(crate) admissions: Vec<(admission::Request, Outcome<Admission>)>,
+    pub(crate) hellos: Vec<(Greeting, Answer<Welcome>)>,
     pub(crate) results: Vec<(Call<Report>, Answer<Recorded>)>,
     pub(crate) renewals: Vec<(Call<Renew>, Answer<Renewed>)>,
     pub(crate) housekeeping: Vec<Outcome<()>>,
@@ -53,6 +64,7 @@ pub(crate) struct Batch {
 /// What a batch's commands are answered, in its order, and what it changed.
 #[derive(Debug, Default)]
 pub(crate) struct Answers {
+    pub(crate) admissions: Vec<Result<Admission, StoreError>>,
     pub(crate) hellos: Vec<Reply<Welcome>>,
     pub(crate) results: Vec<Reply<Recorded>>,
     pub(crate) renewals: Vec<Reply<Renewed>>,
@@ -66,7 +78,8 @@ pub(crate) struct Answers {
 impl Batch {
     pub(crate) fn push(&mut self, command: Command) {
         match command {
-            Command::Hello(call, answer) => self.hellos.push((call, answer)),
+            Command::Admission(request, outcome) => self.admissions.push((request, outcome)),
+            Command::Hello(hello, answer) => self.hellos.push((hello, answer)),
             Command::Claim(call, answer) => self.claims.push((call, answer)),
             Command::Result(call, answer) => self.results.push((call, answer)),
             Command::Renew(call, answer) => self.renewals.push((call, answer)),
@@ -78,7 +91,7 @@ impl Batch {
 
     pub(crate) fn len(&self) -> usize {
         let of_workers = self.hellos.len() + self.results.len() + self.renewals.len() + self.claims.len();
-        of_workers + self.housekeeping.len() + self.submissions.len()
+        of_workers + self.admissions.len() + self.housekeeping.len() + self.submissions.len()
     }
 
     pub(crate) fn callers(&self) -> Vec<&str> {
@@ -95,14 +108,29 @@ impl Batch {
         results.chain(renewals).chain(claims).collect()
     }
 
+    /// The results of each worker that `answers` call recorded.
+    pub(crate) fn recorded<'a>(&'a self, answers: &'a Answers) -> impl Iterator<Item = (WorkerId, u64)> + 'a {
+        let done = |report: &Report, recorded: &Recorded| {
+            let is_done =
+                |run: &&RunReport| matches!(run.ended, RunEnd::Done(_)) && !recorded.ignored.contains(&run.job);
+            report.runs.iter().filter(is_done).count() as u64
+        };
+        self.results.iter().zip(&answers.results).filter_map(move |((call, _), reply)| match reply {
+            Reply::Ok(recorded) => Some((call.worker.clone(), done(&call.body, recorded))),
+            Reply::Refused(_) => None,
+        })
+    }
+
     fn commands(self) -> impl Iterator<Item = Command> {
-        let hellos = self.hellos.into_iter().map(|(call, answer)| Command::Hello(call, answer));
+        let admissions = self.admissions.into_iter().map(|(request, outcome)| Command::Admission(request, outcome));
+        let hellos = self.hellos.into_iter().map(|(hello, answer)| Command::Hello(hello, answer));
         let results = self.results.into_iter().map(|(call, answer)| Command::Result(call, answer));
         let renewals = self.renewals.into_iter().map(|(call, answer)| Command::Renew(call, answer));
         let housekeeping = self.housekeeping.into_iter().map(Command::KeepHouse);
         let submissions = self.submissions.into_iter().map(|(sweep, answer)| Command::Submit(sweep, answer));
         let claims = self.claims.into_iter().map(|(call, answer)| Command::Claim(call, answer));
-        hellos.chain(results).chain(renewals).chain(housekeeping).chain(submissions).chain(claims)
+        let admitted = admissions.chain(hellos);
+        admitted.chain(results).chain(renewals).chain(housekeeping).chain(submissions).chain(claims)
     }
 
     pub(crate) fn split(self) -> impl Iterator<Item = Self> {
@@ -120,6 +148,7 @@ impl Batch {
                 let _ = to.send(answer);
             }
         }
+        send(self.admissions, answers.admissions);
         send(self.hellos, answers.hellos);
         send(self.results, answers.results);
         send(self.renewals, answers.renewals);
@@ -141,6 +170,7 @@ impl Batch {
         };
         for command in self.commands() {
             match command {
+                Command::Admission(_, to) => _ = to.send(Err(StoreError::NotWritten(detail.clone()))),
                 Command::Hello(_, to) => unavailable(to, &detail),
                 Command::Claim(_, to) => unavailable(to, &detail),
                 Command::Result(_, to) => unavailable(to, &detail),
@@ -157,6 +187,7 @@ impl Answers {
     pub(crate) fn changed_something(&self, expired: bool) -> bool {
         let claimed = |reply: &Reply<Leases>| matches!(reply, Reply::Ok(leases) if !leases.jobs.is_empty());
         let submitted = self.submissions.iter().any(Result::is_ok);
-        expired || submitted || !self.results.is_empty() || self.claims.iter().any(claimed)
+        let admitted = !self.admissions.is_empty();
+        expired || submitted || admitted || !self.results.is_empty() || self.claims.iter().any(claimed)
     }
 }

@@ -3,21 +3,24 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use furrow_schema::id::{EngineId, SweepId};
+use furrow_schema::id::{EngineId, SweepId, WorkerId};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
 use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
-use crate::batch::{Command, Errand};
+use crate::batch::{Admission, Command, Errand};
 use crate::config::Config;
 use crate::error::StoreError;
 use crate::rate::Rates;
+use crate::store::admission::{Admitted, Request};
 use crate::store::control::Control;
+use crate::store::worker::Newcomers;
 use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, worker};
 use crate::validate;
 use crate::view::{
-    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange, WorkerInfo,
+    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange, WorkerChange,
+    WorkerInfo,
 };
 use crate::writer;
 
@@ -35,7 +38,8 @@ struct Shared {
     store: Store,
     config: Config,
     commands: mpsc::Sender<Command>,
-    rates: Arc<Rates>,
+    rates: Arc<Rates<SweepId>>,
+    worker_rates: Arc<Rates<WorkerId>>,
     changed: watch::Receiver<u64>,
     stop: CancellationToken,
     stopped: CancellationToken,
@@ -50,13 +54,14 @@ impl Coordinator {
     pub fn start(store: Store, config: Config) -> Self {
         let (commands, queue) = mpsc::channel(QUEUE_LENGTH);
         let (bell, changed) = watch::channel(0);
-        let rates = Arc::new(Rates::starting_at(config.clock.now_ms()));
+        let now_ms = config.clock.now_ms();
+        let (rates, worker_rates) = (Arc::new(Rates::starting_at(now_ms)), Arc::new(Rates::starting_at(now_ms)));
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
-        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bell);
+        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), worker_rates.clone(), bell);
         tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
         let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
         tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
+        Self { shared: Arc::new(Shared { store, config, commands, rates, worker_rates, changed, stop, stopped }) }
     }
 
     /// A coordinator that answers what is asked of a store opened to read, beside the one that changes it. All else is
@@ -88,10 +93,19 @@ impl Coordinator {
 
     /// A worker presents itself. Its first hello sets its credential.
     pub async fn hello(&self, call: Call<Hello>) -> Reply<Welcome> {
-        if let Err(refusal) = validate::hello(&call.body).and_then(|()| self.same_engine(call.body.engine)) {
+        self.hello_among(call, Newcomers::Welcome).await
+    }
+
+    pub(crate) async fn hello_among(&self, call: Call<Hello>, newcomers: Newcomers) -> Reply<Welcome> {
+        if let Err(refusal) = self.presentable(&call.body) {
             return Reply::Refused(refusal);
         }
-        self.ask(|answer| Command::Hello(call, answer)).await
+        self.ask(|answer| Command::Hello((call, newcomers), answer)).await
+    }
+
+    /// Whether a worker that presents itself so could work here.
+    pub(crate) fn presentable(&self, hello: &Hello) -> Result<(), Refusal> {
+        validate::hello(hello).and_then(|()| self.same_engine(hello.engine))
     }
 
     /// A worker asks for jobs. The same request again gets the same jobs, as far as they are still its own.
@@ -246,12 +260,61 @@ impl Coordinator {
         runs::with_labels(&self.shared.store, sweep, labels, metric).await
     }
 
-    /// Every worker that said hello, the latest seen first.
+    /// Every worker that said hello or enrolled, the latest seen first.
     ///
     /// # Errors
     /// [`StoreError::Database`] and [`StoreError::Damaged`].
     pub async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
-        worker::list(&self.shared.store).await
+        self.list_workers(None).await
+    }
+
+    /// One worker; none if there is no such worker.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn worker(&self, worker: &WorkerId) -> Result<Option<WorkerInfo>, StoreError> {
+        Ok(self.list_workers(Some(worker)).await?.pop())
+    }
+
+    async fn list_workers(&self, worker: Option<&WorkerId>) -> Result<Vec<WorkerInfo>, StoreError> {
+        let mut workers = worker::list(&self.shared.store, worker).await?;
+        let now_ms = self.now_ms();
+        for worker in &mut workers {
+            worker.rate_per_s = self.shared.worker_rates.per_s(&worker.id, worker.first_seen_ms, now_ms);
+        }
+        Ok(workers)
+    }
+
+    /// Turns a worker away, or lets it in for a time; none if there is no such worker. What a worker that is turned away
+    /// holds is given to others at once; it hears of it with its next question, and ends.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`]: it may be asked again.
+    pub async fn change_worker(
+        &self,
+        worker: &WorkerId,
+        change: WorkerChange,
+    ) -> Result<Option<WorkerInfo>, StoreError> {
+        match self.admission(Request::Change(worker.clone(), change)).await? {
+            Ok(Admitted::Unknown) => Ok(None),
+            _ => self.worker(worker).await,
+        }
+    }
+
+    pub(crate) async fn admission(&self, request: Request) -> Result<Admission, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Admission(request, answer)).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
+    pub(crate) fn store(&self) -> &Store {
+        &self.shared.store
+    }
+
+    /// The time now [ms since 1970].
+    #[must_use]
+    pub fn now_ms(&self) -> i64 {
+        self.shared.config.clock.now_ms()
     }
 
     /// Results that differ from the one on record, newest first, at most `limit`.
@@ -295,9 +358,9 @@ impl Coordinator {
     }
 
     fn add_rate(&self, sweep: &mut Sweep) {
-        let now_ms = self.shared.config.clock.now_ms();
+        let now_ms = self.now_ms();
         let left = sweep.queued + sweep.leased;
-        sweep.rate_per_s = self.shared.rates.per_s(sweep.id, sweep.created_ms, now_ms);
+        sweep.rate_per_s = self.shared.rates.per_s(&sweep.id, sweep.created_ms, now_ms);
         sweep.eta_s = match sweep.rate_per_s {
             _ if left == 0 => Some(0.0),
             _ if sweep.state == SweepState::Paused => None,

@@ -2,7 +2,7 @@
 //!
 //! Whatever waits in the queue when a transaction begins goes into it together, so that the cost of a durable
 //! commit is shared; an answer leaves only after the commit. The commands of a batch are put in an order that
-//! favours those who did their work: hellos, results, renewals, then expiry, submissions and claims. If a batch
+//! favours those who did their work: admissions, hellos, results, renewals, then expiry, submissions and claims. If a batch
 //! cannot be written, each of its commands is tried alone: one that the database refuses spoils no other.
 //! What changes many jobs at once is an errand, done in steps between the batches.
 
@@ -12,6 +12,7 @@ mod outage;
 use std::sync::Arc;
 use std::time::Duration;
 
+use furrow_schema::id::{SweepId, WorkerId};
 use furrow_schema::protocol::{LEASE_MS, RENEW_EVERY_MS, Recorded, Refusal, Reply, Welcome};
 use sqlx::SqliteConnection;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -23,7 +24,7 @@ use crate::config::Config;
 use crate::error::StoreError;
 use crate::rate::Rates;
 use crate::store::tally::Tally;
-use crate::store::{Store, claim, expiry, renew, result, submit, worker};
+use crate::store::{Store, admission, claim, expiry, renew, result, submit, worker};
 use errands::Errands;
 use outage::Outage;
 
@@ -36,14 +37,21 @@ const HOUSEKEEPING_EVERY: Duration = Duration::from_secs(1);
 pub(crate) struct Writer {
     store: Store,
     config: Config,
-    rates: Arc<Rates>,
+    rates: Arc<Rates<SweepId>>,
+    worker_rates: Arc<Rates<WorkerId>>,
     bell: watch::Sender<u64>,
     outage: Outage,
 }
 
 impl Writer {
-    pub(crate) fn new(store: Store, config: Config, rates: Arc<Rates>, bell: watch::Sender<u64>) -> Self {
-        Self { store, config, rates, bell, outage: Outage::default() }
+    pub(crate) fn new(
+        store: Store,
+        config: Config,
+        rates: Arc<Rates<SweepId>>,
+        worker_rates: Arc<Rates<WorkerId>>,
+        bell: watch::Sender<u64>,
+    ) -> Self {
+        Self { store, config, rates, worker_rates, bell, outage: Outage::default() }
     }
 
     /// Serves the queue until nobody can ask any more or `stop`; then empties it and closes the database.
@@ -136,12 +144,16 @@ impl Writer {
         let now_ms = self.config.clock.now_ms();
         let engine_id = crate::store::engine_id(conn, self.config.engine).await?;
         let mut answers = Answers::default();
-        for (call, _) in &batch.hellos {
+        for (request, _) in &batch.admissions {
+            let answer = admission::answer(conn, request, engine_id, now_ms, &mut answers.tally).await?;
+            answers.admissions.push(Ok(answer));
+        }
+        for ((call, newcomers), _) in &batch.hellos {
             let welcome = Welcome { lease_ms: LEASE_MS, renew_every_ms: RENEW_EVERY_MS };
-            let admitted = worker::hello(conn, call, engine_id, now_ms).await?;
+            let admitted = worker::hello(conn, call, *newcomers, engine_id, now_ms).await?;
             answers.hellos.push(admitted.map_or_else(Reply::Refused, |()| Reply::Ok(welcome)));
         }
-        let known = worker::Known::load(conn, &batch.callers()).await?;
+        let known = worker::Known::load(conn, &batch.callers(), now_ms).await?;
         answers.results = self.record(conn, batch, &known, engine_id, now_ms, &mut answers.tally).await?;
         for (call, _) in &batch.renewals {
             answers.renewals.push(match known.check(call) {
@@ -202,7 +214,8 @@ impl Writer {
         if batch.housekeeping.is_empty() || self.outage.leases_hold(now_ms) {
             return Ok(false);
         }
-        Ok(expiry::expire(conn, self.config.max_attempts, engine_id, now_ms, tally).await? > 0)
+        let freed = admission::free_ended(conn, engine_id, now_ms, tally).await?;
+        Ok(expiry::expire(conn, self.config.max_attempts, engine_id, now_ms, tally).await? + freed > 0)
     }
 
     fn ring(&self) {
@@ -213,6 +226,9 @@ impl Writer {
         let now_ms = self.config.clock.now_ms();
         for (sweep, results) in answers.tally.recorded() {
             self.rates.count(sweep, results, now_ms);
+        }
+        for (worker, results) in batch.recorded(&answers) {
+            self.worker_rates.count(worker, results, now_ms);
         }
         if answers.visible {
             self.outage.over();

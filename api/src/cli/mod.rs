@@ -6,6 +6,8 @@ mod client;
 mod control;
 pub mod error;
 mod job;
+mod join;
+mod lan;
 mod output;
 mod plans;
 mod progress;
@@ -16,8 +18,10 @@ mod status;
 mod stop;
 mod submit;
 mod table;
+mod time;
 mod watch;
 mod work;
+mod workers;
 
 use std::ffi::OsString;
 use std::io::IsTerminal;
@@ -45,6 +49,8 @@ enum Command {
     Run(run::RunArgs),
     Serve(serve::ServeArgs),
     Work(work::WorkArgs),
+    Join(join::JoinArgs),
+    Workers(workers::WorkersArgs),
     Plans(plans::PlansArgs),
     Submit(submit::SubmitArgs),
     Status(status::StatusArgs),
@@ -62,7 +68,7 @@ impl Command {
     /// What is logged unless `FURROW_LOG` says otherwise: services tell what they do, the rest only what is wrong.
     fn default_log(&self) -> &'static str {
         match self {
-            Self::Serve(_) | Self::Work(_) => "info,zenoh=error",
+            Self::Serve(_) | Self::Work(_) => "info,zenoh=error,zenoh_link_commons=error",
             _ => "warn",
         }
     }
@@ -72,6 +78,8 @@ impl Command {
             Self::Run(args) => run::run(args).await,
             Self::Serve(args) => serve::run(args).await,
             Self::Work(args) => work::run(args).await,
+            Self::Join(args) => join::run(args).await,
+            Self::Workers(args) => workers::run(args).await,
             Self::Plans(args) => plans::run(&args),
             Self::Submit(args) => submit::run(args).await,
             Self::Status(args) => status::run(args).await,
@@ -151,6 +159,15 @@ mod tests {
             "furrow serve --db x.db --http 127.0.0.1:0 --zenoh tcp/127.0.0.1:0 --threads 0 --max-attempts 3",
             "furrow work --connect tcp/127.0.0.1:7447 --threads 4 --name barn --spool /var/spool --spool-mb 64",
             "furrow work",
+            "furrow serve --db x.db --lan --zenoh quic/0.0.0.0:7447 --lan-name barn.example --join-out secret",
+            "furrow work --join secret --connect quic/192.0.2.2:7447",
+            "furrow work --join -",
+            "furrow join --valid 1h --uses 3 --expires 30d --url http://127.0.0.1:1 --out secret",
+            "furrow join --json",
+            "furrow workers --url http://127.0.0.1:1 --json",
+            "furrow workers revoke 0123456789abcdef0123456789abcdef --db x.db",
+            "furrow workers expire 0123456789abcdef0123456789abcdef --in 7d --json",
+            "furrow workers expire 0123456789abcdef0123456789abcdef --never",
             "furrow plans guyonneau2022/bounds --json",
             "furrow submit guyonneau2022/bounds --url http://127.0.0.1:1 --name night --priority -3 --json",
             "furrow status",
@@ -173,7 +190,16 @@ mod tests {
 
     #[test]
     fn a_wrong_command_line_is_bad_input() {
-        for line in ["furrow", "furrow run", "furrow run p --seeds x", "furrow serve", "furrow grow", "furrow table"] {
+        for line in [
+            "furrow",
+            "furrow workers revoke x",
+            "furrow serve --db x.db --lan-name x",
+            "furrow run",
+            "furrow run p --seeds x",
+            "furrow serve",
+            "furrow grow",
+            "furrow table",
+        ] {
             let error = parse(line).expect_err(line);
             assert!(error.use_stderr(), "{line}");
             let args = line.split_whitespace().map(OsString::from);

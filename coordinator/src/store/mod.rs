@@ -3,7 +3,7 @@
 //! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `control` pauses, cancels
 //! and retries it, `removal` takes it out, and `settle` brings its jobs in line; `job`,
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
-//! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
+//! `transition` (what changes) and `tally` (what is counted); `admission` lets workers in and turns them away; `worker`, `scenario` and `incident` are a
 //! table each. Statements are constants with a sentence each; a test prepares all of them.
 //!
 //! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
@@ -11,6 +11,7 @@
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
 
+pub(crate) mod admission;
 mod backup;
 pub(crate) mod cell;
 pub(crate) mod claim;
@@ -222,6 +223,7 @@ mod tests {
         let own: &[&'static str] = &[COORDINATOR_ID, ADD_ENGINE, ENGINE];
         let all = [
             own,
+            admission::STATEMENTS,
             backup::STATEMENTS,
             cell::STATEMENTS,
             claim::STATEMENTS,

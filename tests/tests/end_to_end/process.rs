@@ -34,7 +34,13 @@ fn program() -> PathBuf {
 /// `furrow` with these arguments, without standard input, killed when dropped.
 fn furrow(args: &[&str]) -> Command {
     let mut command = Command::new(program());
-    command.args(args).env_remove("FURROW_LOG").env_remove("RUST_BACKTRACE").stdin(Stdio::null()).kill_on_drop(true);
+    command
+        .args(args)
+        .env_remove("FURROW_LOG")
+        .env_remove("FURROW_JOIN")
+        .env_remove("RUST_BACKTRACE")
+        .stdin(Stdio::null())
+        .kill_on_drop(true);
     // The user's own state is left alone.
     command.env("XDG_STATE_HOME", env!("CARGO_TARGET_TMPDIR"));
     command
@@ -49,9 +55,27 @@ pub(crate) struct Running {
 impl Running {
     /// Starts `furrow` with these arguments; its standard output is piped.
     pub(crate) fn start(args: &[&str]) -> Self {
+        Self::start_in(args, &[])
+    }
+
+    /// The same in this environment.
+    pub(crate) fn start_in(args: &[&str], environment: &[(&str, &str)]) -> Self {
         let (file, log): (File, TempPath) = tempfile::NamedTempFile::new().unwrap().into_parts();
-        let child = furrow(args).stdout(Stdio::piped()).stderr(file).spawn().expect("furrow can be started");
+        let mut command = furrow(args);
+        command.envs(environment.iter().copied()).stdout(Stdio::piped()).stderr(file);
+        let child = command.spawn().expect("furrow can be started");
         Self { child, log }
+    }
+
+    /// What it has logged so far.
+    pub(crate) fn log(&self) -> String {
+        fs::read_to_string(&self.log).unwrap()
+    }
+
+    /// Waits until the process ends by itself; its exit code.
+    pub(crate) async fn ended(&mut self) -> Option<i32> {
+        let ended = timeout(PATIENCE, self.child.wait()).await;
+        ended.unwrap_or_else(|_| panic!("the process does not end")).unwrap().code()
     }
 
     /// Asks the process to end, as a service manager does, and waits until it has.
