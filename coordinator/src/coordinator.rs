@@ -3,21 +3,22 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use furrow_schema::id::{EngineId, SweepId};
+use furrow_schema::id::{EngineId, SweepId, WorkerId};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
 use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
-use crate::batch::{Command, Errand};
+use crate::batch::{Absence, Command, Errand};
 use crate::config::Config;
 use crate::error::StoreError;
 use crate::rate::Rates;
 use crate::store::control::Control;
-use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, worker};
+use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, verification, worker};
 use crate::validate;
 use crate::view::{
-    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange, WorkerInfo,
+    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange,
+    VerificationCounts, WorkerInfo,
 };
 use crate::writer;
 
@@ -37,6 +38,7 @@ struct Shared {
     commands: mpsc::Sender<Command>,
     rates: Arc<Rates>,
     changed: watch::Receiver<u64>,
+    work: watch::Receiver<u64>,
     stop: CancellationToken,
     stopped: CancellationToken,
 }
@@ -49,14 +51,15 @@ impl Coordinator {
     #[must_use]
     pub fn start(store: Store, config: Config) -> Self {
         let (commands, queue) = mpsc::channel(QUEUE_LENGTH);
-        let (bell, changed) = watch::channel(0);
+        let ((changes, changed), (hints, work)) = (watch::channel(0), watch::channel(0));
+        let bells = writer::Bells { changed: changes, work: hints };
         let rates = Arc::new(Rates::starting_at(config.clock.now_ms()));
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
-        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bell);
+        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bells);
         tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
         let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
         tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
+        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, work, stop, stopped }) }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.
@@ -101,6 +104,18 @@ impl Coordinator {
             return Reply::Refused(refusal);
         }
         self.ask(|answer| Command::Renew(call, answer)).await
+    }
+
+    /// A worker seems to be gone: its connection broke, say. If nothing was heard of it since `since_ms` its leases end
+    /// at once, as if they had run out; should it be there after all, its results still count. Otherwise tells when it
+    /// was last heard of [ms since 1970].
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`]: nothing was changed. [`StoreError::Closed`] after a shutdown.
+    pub async fn worker_gone(&self, worker: WorkerId, since_ms: i64) -> Result<Option<i64>, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Absence(Absence { worker, since_ms }, answer)).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
     }
 
     /// Takes a sweep in, all of it or nothing: known jobs are shared, those with a result count at once.
@@ -247,10 +262,47 @@ impl Coordinator {
         incident::list(&self.shared.store, limit).await
     }
 
+    /// How many results were, or are being, verified.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn verifications(&self) -> Result<VerificationCounts, StoreError> {
+        verification::count(&self.shared.store).await
+    }
+
+    /// Whether it has results computed again.
+    #[must_use]
+    pub fn verifies(&self) -> bool {
+        self.shared.config.verify.share > 0.0
+    }
+
+    /// Lets a barred worker have jobs again, once a user knows that it was not at fault or has been mended; false if
+    /// there is no such worker. What was found out about its results stays.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`]: it may be asked again.
+    pub async fn allow(&self, worker: WorkerId) -> Result<bool, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Errand(Errand::Allow(worker, answer))).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
     /// A number that grows with every commit that changed something a user can see: wait on it instead of polling.
     #[must_use]
     pub fn changed(&self) -> watch::Receiver<u64> {
         self.shared.changed.clone()
+    }
+
+    /// A number that grows when there may be jobs for idle workers.
+    #[must_use]
+    pub fn work(&self) -> watch::Receiver<u64> {
+        self.shared.work.clone()
+    }
+
+    /// The time by its clock [ms since 1970].
+    #[must_use]
+    pub fn now_ms(&self) -> i64 {
+        self.shared.config.clock.now_ms()
     }
 
     /// Expires leases now; a task does so every second anyway.
@@ -275,7 +327,7 @@ impl Coordinator {
     }
 
     fn add_rate(&self, sweep: &mut Sweep) {
-        let now_ms = self.shared.config.clock.now_ms();
+        let now_ms = self.now_ms();
         let left = sweep.queued + sweep.leased;
         sweep.rate_per_s = self.shared.rates.per_s(sweep.id, sweep.created_ms, now_ms);
         sweep.eta_s = match sweep.rate_per_s {

@@ -27,11 +27,12 @@ pub mod zenoh_service;
 #[cfg(test)]
 mod testing;
 
-pub use config::{Clock, ClockHand, Config};
+pub use config::{Clock, ClockHand, Config, Verify};
 pub use coordinator::Coordinator;
 pub use error::StoreError;
 pub use store::Store;
 pub use view::{
-    Attempt, AttemptEnd, CellSummary, CellValues, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem, JobPage,
-    JobRef, JobResult, KeyPrefix, RunValue, SweepChange, WorkerInfo,
+    Attempt, AttemptEnd, Bar, CellSummary, CellValues, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem,
+    JobPage, JobRef, JobResult, KeyPrefix, Opinion, RunValue, SweepChange, Verification, VerificationCounts,
+    VerificationState, WorkerInfo,
 };

@@ -7,6 +7,7 @@
 //! What changes many jobs at once is an errand, done in steps between the batches.
 
 mod errands;
+mod heard;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,12 +19,15 @@ use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::sync::CancellationToken;
 
 use crate::batch::{Answers, Batch, Command};
-use crate::config::Config;
+use crate::config::{Config, Verify};
 use crate::error::StoreError;
 use crate::rate::Rates;
+use crate::store::claim::Terms;
+use crate::store::result::Aftermath;
 use crate::store::tally::Tally;
-use crate::store::{Store, claim, expiry, renew, result, submit, worker};
+use crate::store::{Store, claim, expiry, renew, result, submit, verification, worker};
 use errands::Errands;
+use heard::Heard;
 
 /// At most this many commands share a transaction.
 const BATCH_COMMANDS: usize = 256;
@@ -35,12 +39,21 @@ pub(crate) struct Writer {
     store: Store,
     config: Config,
     rates: Arc<Rates>,
-    bell: watch::Sender<u64>,
+    bells: Bells,
+    heard: Heard,
+}
+
+/// Rung after commits.
+pub(crate) struct Bells {
+    /// A user could see a difference.
+    pub(crate) changed: watch::Sender<u64>,
+    /// There may be jobs for idle workers.
+    pub(crate) work: watch::Sender<u64>,
 }
 
 impl Writer {
-    pub(crate) fn new(store: Store, config: Config, rates: Arc<Rates>, bell: watch::Sender<u64>) -> Self {
-        Self { store, config, rates, bell }
+    pub(crate) fn new(store: Store, config: Config, rates: Arc<Rates>, bells: Bells) -> Self {
+        Self { store, config, rates, bells, heard: Heard::default() }
     }
 
     /// Serves the queue until nobody can ask any more or `stop`; then empties it and closes the database.
@@ -123,28 +136,43 @@ impl Writer {
             answers.hellos.push(admitted.map_or_else(Reply::Refused, |()| Reply::Ok(welcome)));
         }
         let known = worker::Known::load(conn, &batch.callers()).await?;
-        answers.results = self.record(conn, batch, &known, engine_id, now_ms, &mut answers.tally).await?;
+        let seen = batch.seen(&known);
+        let welcome = batch.hellos.iter().zip(&answers.hellos).filter(|(_, reply)| matches!(reply, Reply::Ok(_)));
+        let heard = welcome.map(|((call, _), _)| &call.worker).chain(seen.iter().map(|(_, worker)| *worker));
+        self.heard.note(heard, now_ms);
+        let aftermath;
+        (answers.results, aftermath) = self.record(conn, batch, &known, engine_id, now_ms, &mut answers.tally).await?;
+        let known = if aftermath.barred { worker::Known::load(conn, &batch.callers()).await? } else { known };
         for (call, _) in &batch.renewals {
             answers.renewals.push(match known.check(call) {
                 Ok(worker) => Reply::Ok(renew::renew(conn, worker, &call.body, now_ms).await?),
                 Err(refusal) => Reply::Refused(refusal),
             });
         }
-        let expired = self.expire(conn, batch, engine_id, now_ms, &mut answers.tally).await?;
+        let mut ended = self.expire(conn, batch, engine_id, now_ms, &mut answers.tally).await?;
+        for (absence, _) in &batch.absences {
+            let heard_ms = self.heard.since(absence);
+            if heard_ms.is_none() {
+                let Config { max_attempts, .. } = self.config;
+                ended +=
+                    expiry::fell_silent(conn, absence, max_attempts, engine_id, now_ms, &mut answers.tally).await?;
+            }
+            answers.absences.push(Ok(heard_ms));
+        }
         answers.tally.write(conn, now_ms).await?;
         for (sweep, _) in &batch.submissions {
             answers.submissions.push(submit::submit(conn, sweep, engine_id, now_ms).await?);
         }
+        let terms = Terms { engine_id, now_ms, verify: self.to_verify(conn, batch).await? };
         for (call, _) in &batch.claims {
             answers.claims.push(match known.check(call) {
-                Ok(worker) => {
-                    Reply::Ok(claim::claim(conn, worker, &call.request, &call.body, engine_id, now_ms).await?)
-                }
+                Ok(worker) => Reply::Ok(claim::claim(conn, worker, &call.request, &call.body, terms).await?),
                 Err(refusal) => Reply::Refused(refusal),
             });
         }
-        worker::seen(conn, &batch.seen(&known), now_ms).await?;
-        answers.visible = answers.changed_something(expired);
+        worker::seen(conn, &seen.iter().map(|(row, _)| *row).collect::<Vec<_>>(), now_ms).await?;
+        answers.look_back(ended > 0, batch);
+        answers.work |= aftermath.to_verify;
         Ok(answers)
     }
 
@@ -156,7 +184,7 @@ impl Writer {
         engine_id: i64,
         now_ms: i64,
         tally: &mut Tally,
-    ) -> Result<Vec<Reply<Recorded>>, StoreError> {
+    ) -> Result<(Vec<Reply<Recorded>>, Aftermath), StoreError> {
         let checked: Vec<_> = batch.results.iter().map(|(call, _)| known.check(call)).collect();
         let reports: Vec<_> = batch
             .results
@@ -164,12 +192,20 @@ impl Writer {
             .zip(&checked)
             .filter_map(|((call, _), worker)| Some((*worker.as_ref().ok()?, &call.body)))
             .collect();
-        let mut recorded = result::record(conn, &reports, engine_id, now_ms, tally).await?.into_iter();
+        let share = self.config.verify.share;
+        let (recorded, aftermath) = result::record(conn, &reports, share, engine_id, now_ms, tally).await?;
+        let mut recorded = recorded.into_iter();
         let reply = |worker: Result<i64, Refusal>| match worker {
             Ok(_) => Reply::Ok(recorded.next().expect("every report of a known worker has an answer")),
             Err(refusal) => Reply::Refused(refusal),
         };
-        Ok(checked.into_iter().map(reply).collect())
+        Ok((checked.into_iter().map(reply).collect(), aftermath))
+    }
+
+    /// How to verify, if this batch claims and anything is to be verified.
+    async fn to_verify(&self, conn: &mut SqliteConnection, batch: &Batch) -> Result<Option<Verify>, StoreError> {
+        let verify = Some(self.config.verify).filter(|verify| verify.share > 0.0 && !batch.claims.is_empty());
+        Ok(if verify.is_some() && verification::any(conn).await? { verify } else { None })
     }
 
     async fn expire(
@@ -179,15 +215,17 @@ impl Writer {
         engine_id: i64,
         now_ms: i64,
         tally: &mut Tally,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<usize, StoreError> {
         if batch.housekeeping.is_empty() {
-            return Ok(false);
+            return Ok(0);
         }
-        Ok(expiry::expire(conn, self.config.max_attempts, engine_id, now_ms, tally).await? > 0)
+        expiry::expire(conn, self.config.max_attempts, engine_id, now_ms, tally).await
     }
 
+    /// A step of an errand was committed.
     fn ring(&self) {
-        self.bell.send_modify(|generation| *generation += 1);
+        ring(&self.bells.changed);
+        ring(&self.bells.work);
     }
 
     fn publish(&self, batch: Batch, answers: Answers) {
@@ -196,10 +234,17 @@ impl Writer {
             self.rates.count(sweep, results, now_ms);
         }
         if answers.visible {
-            self.ring();
+            ring(&self.bells.changed);
+        }
+        if answers.work {
+            ring(&self.bells.work);
         }
         batch.answer(answers);
     }
+}
+
+fn ring(bell: &watch::Sender<u64>) {
+    bell.send_modify(|generation| *generation += 1);
 }
 
 /// Asks for housekeeping every second from `first` on, as long as there is anyone to ask.

@@ -90,12 +90,17 @@ impl Conversation {
 
     /// Asks once; nothing if there was no answer that helps. A coordinator that does not know the worker (any more)
     /// hears its hello, for the next time.
-    pub(crate) async fn ask_once<Q: Question>(&self, body: Q) -> Option<Q::Answer> {
-        let answer = self.put(self.call(body)).await.ok()?;
-        if matches!(answer, Reply::Refused(Refusal::UnknownWorker)) {
-            self.introduce().await;
+    ///
+    /// # Errors
+    /// The worker is barred.
+    pub(crate) async fn ask_once<Q: Question>(&self, body: Q) -> Result<Option<Q::Answer>, Refusal> {
+        match self.put(self.call(body)).await {
+            Ok(Reply::Ok(answer)) => return Ok(Some(answer)),
+            Ok(Reply::Refused(refusal @ Refusal::Barred { .. })) => return Err(refusal),
+            Ok(Reply::Refused(Refusal::UnknownWorker)) => _ = self.introduce().await,
+            Ok(Reply::Refused(_)) | Err(_) => {}
         }
-        answer.into_result().ok()
+        Ok(None)
     }
 
     /// Asks, with pauses, until there is an answer or a reason to stop. A coordinator that does not know the

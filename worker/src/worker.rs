@@ -157,7 +157,10 @@ impl<R: Runner> Worker<R> {
         let renewals = renew_leases(&conversation, welcome.renew_every_ms, &shared);
         summary += tokio::select! {
             ended = self.converse(&conversation, &shared, &pool, &stop) => ended?,
-            () = renewals => Summary::default(),
+            refusal = renewals => {
+                shared.board().close();
+                return Err(WorkerError::Refused(refusal));
+            }
         };
         tracing::info!(worker = %self.id(), done = summary.done, handed_back = summary.handed_back, "worker stopped");
         Ok(summary)

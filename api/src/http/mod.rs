@@ -6,6 +6,7 @@
 
 mod extract;
 pub mod health;
+pub mod incidents;
 pub mod jobs;
 mod layers;
 mod negotiate;
@@ -71,6 +72,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(tables::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
+        .merge(incidents::routes())
         .merge(publications::routes())
         .merge(plans::routes())
         .merge(health::routes())

@@ -3,11 +3,12 @@
 //! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `control` pauses, cancels
 //! and retries it, `removal` takes it out, and `settle` brings its jobs in line; `job`,
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
-//! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
+//! `transition` (what changes) and `tally` (what is counted); `verification` has results computed again; `worker`, `scenario` and `incident` are a
 //! table each. Statements are constants with a sentence each; a test prepares all of them.
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
 
+pub(crate) mod back_off;
 pub(crate) mod cell;
 pub(crate) mod claim;
 pub(crate) mod control;
@@ -29,6 +30,7 @@ pub(crate) mod sweep;
 pub(crate) mod tally;
 pub(crate) mod transition;
 pub(crate) mod values;
+pub(crate) mod verification;
 pub(crate) mod worker;
 
 use std::path::Path;
@@ -185,6 +187,8 @@ mod tests {
             tally::STATEMENTS,
             transition::STATEMENTS,
             values::STATEMENTS,
+            verification::STATEMENTS,
+            verification::REPORT_STATEMENTS,
             worker::STATEMENTS,
         ];
         for statement in all.into_iter().flatten() {

@@ -8,6 +8,7 @@
 mod bad_input;
 mod bad_requests;
 mod control;
+mod liveliness;
 mod plan;
 mod process;
 mod same_bits;
@@ -15,3 +16,4 @@ mod server;
 mod stopping;
 mod survival;
 mod use_of_results;
+mod verification;

@@ -42,8 +42,19 @@ impl Server {
 
     /// The same, where workers know it.
     pub(crate) async fn start_at(db: &str, threads: u32, endpoint: &str) -> Self {
+        // Every run counts in these tests: none is done twice to verify it.
+        Self::launch(db, threads, endpoint, "0").await
+    }
+
+    /// Serves `db` to other processes, and has this share of the results computed again.
+    pub(crate) async fn verifying(db: &str, share: &str) -> Self {
+        Self::launch(db, 0, "tcp/127.0.0.1:0", share).await
+    }
+
+    async fn launch(db: &str, threads: u32, endpoint: &str, verify: &str) -> Self {
         let threads = threads.to_string();
-        let args = ["serve", "--db", db, "--http", "127.0.0.1:0", "--zenoh", endpoint, "--threads", &threads];
+        let place = ["serve", "--db", db, "--http", "127.0.0.1:0", "--zenoh", endpoint];
+        let args = [&place[..], &["--threads", &threads, "--verify", verify]].concat();
         let mut process = Running::start(&args);
         let mut stdout = BufReader::new(process.child.stdout.take().expect("it is piped")).lines();
         let (url, endpoint) = timeout(READY_WITHIN, announced(&mut stdout)).await.expect("furrow serve is not ready");
