@@ -262,12 +262,12 @@ impl Coordinator {
         incident::list(&self.shared.store, limit).await
     }
 
-    /// How many results were, or are being, verified.
+    /// How many results of its engine were, or are being, verified.
     ///
     /// # Errors
     /// [`StoreError::Database`] and [`StoreError::Damaged`].
     pub async fn verifications(&self) -> Result<VerificationCounts, StoreError> {
-        verification::count(&self.shared.store).await
+        verification::count(&self.shared.store, self.engine()).await
     }
 
     /// Whether it has results computed again.

@@ -136,10 +136,7 @@ impl Writer {
             answers.hellos.push(admitted.map_or_else(Reply::Refused, |()| Reply::Ok(welcome)));
         }
         let known = worker::Known::load(conn, &batch.callers()).await?;
-        let seen = batch.seen(&known);
-        let welcome = batch.hellos.iter().zip(&answers.hellos).filter(|(_, reply)| matches!(reply, Reply::Ok(_)));
-        let heard = welcome.map(|((call, _), _)| &call.worker).chain(seen.iter().map(|(_, worker)| *worker));
-        self.heard.note(heard, now_ms);
+        let seen = self.note_heard(batch, &answers.hellos, &known, now_ms);
         let aftermath;
         (answers.results, aftermath) = self.record(conn, batch, &known, engine_id, now_ms, &mut answers.tally).await?;
         let known = if aftermath.barred { worker::Known::load(conn, &batch.callers()).await? } else { known };
@@ -149,16 +146,7 @@ impl Writer {
                 Err(refusal) => Reply::Refused(refusal),
             });
         }
-        let mut ended = self.expire(conn, batch, engine_id, now_ms, &mut answers.tally).await?;
-        for (absence, _) in &batch.absences {
-            let heard_ms = self.heard.since(absence);
-            if heard_ms.is_none() {
-                let Config { max_attempts, .. } = self.config;
-                ended +=
-                    expiry::fell_silent(conn, absence, max_attempts, engine_id, now_ms, &mut answers.tally).await?;
-            }
-            answers.absences.push(Ok(heard_ms));
-        }
+        let ended = self.expire(conn, batch, engine_id, now_ms, &mut answers).await?;
         answers.tally.write(conn, now_ms).await?;
         for (sweep, _) in &batch.submissions {
             answers.submissions.push(submit::submit(conn, sweep, engine_id, now_ms).await?);
@@ -170,7 +158,7 @@ impl Writer {
                 Err(refusal) => Reply::Refused(refusal),
             });
         }
-        worker::seen(conn, &seen.iter().map(|(row, _)| *row).collect::<Vec<_>>(), now_ms).await?;
+        worker::seen(conn, &seen, now_ms).await?;
         answers.look_back(ended > 0, batch);
         answers.work |= aftermath.to_verify;
         Ok(answers)
@@ -208,18 +196,38 @@ impl Writer {
         Ok(if verify.is_some() && verification::any(conn).await? { verify } else { None })
     }
 
+    /// Notes who was heard of; the rows of those who asked something but a hello.
+    fn note_heard(&self, batch: &Batch, hellos: &[Reply<Welcome>], known: &worker::Known, now_ms: i64) -> Vec<i64> {
+        let seen = batch.seen(known);
+        let welcome = batch.hellos.iter().zip(hellos).filter(|(_, reply)| matches!(reply, Reply::Ok(_)));
+        let workers = welcome.map(|((call, _), _)| &call.worker).chain(seen.iter().map(|(_, worker)| *worker));
+        self.heard.note(workers, now_ms);
+        seen.into_iter().map(|(row, _)| row).collect()
+    }
+
+    /// Ends leases that ran out, and those of workers that fell silent. Returns how many.
     async fn expire(
         &self,
         conn: &mut SqliteConnection,
         batch: &Batch,
         engine_id: i64,
         now_ms: i64,
-        tally: &mut Tally,
+        answers: &mut Answers,
     ) -> Result<usize, StoreError> {
-        if batch.housekeeping.is_empty() {
-            return Ok(0);
+        let max_deaths = self.config.max_attempts;
+        let mut ended = 0;
+        if !batch.housekeeping.is_empty() {
+            ended += expiry::expire(conn, max_deaths, engine_id, now_ms, &mut answers.tally).await?;
         }
-        expiry::expire(conn, self.config.max_attempts, engine_id, now_ms, tally).await
+        for (absence, _) in &batch.absences {
+            let heard_ms = self.heard.since(absence);
+            if heard_ms.is_none() {
+                let tally = &mut answers.tally;
+                ended += expiry::fell_silent(conn, absence, max_deaths, engine_id, now_ms, tally).await?;
+            }
+            answers.absences.push(Ok(heard_ms));
+        }
+        Ok(ended)
     }
 
     /// A step of an errand was committed.

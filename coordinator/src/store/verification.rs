@@ -8,7 +8,7 @@
 mod judge;
 mod report;
 
-use furrow_schema::id::{Digest, JobId, JobKey, WorkerId};
+use furrow_schema::id::{Digest, EngineId, JobId, JobKey, WorkerId};
 use furrow_schema::protocol::{HeldJob, LEASE_MS};
 use sqlx::SqliteConnection;
 
@@ -118,8 +118,10 @@ const GET: &str = "select state from verification where job_id = ?1";
 const OPINIONS: &str = "select attempt, worker.uid, digest, given_ms
     from opinion join worker on worker.id = opinion.worker_id where job_id = ?1 order by attempt";
 
-/// Verifications by state.
-const COUNT: &str = "select state, count(*) from verification group by state";
+/// Verifications of results of engine ?1 by state.
+const COUNT: &str = "select verification.state, count(*)
+    from verification join job on job.id = verification.job_id join engine on engine.id = job.engine_id
+    where engine.hash = ?1 group by verification.state";
 
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] = &[
@@ -268,9 +270,9 @@ pub(crate) async fn of_job(conn: &mut SqliteConnection, job: i64) -> Result<Opti
     Ok(Some(Verification { state: state_of(&state)?, opinions }))
 }
 
-/// How many verifications are in which state.
-pub(crate) async fn count(store: &Store) -> Result<VerificationCounts, StoreError> {
-    let rows: Vec<(String, i64)> = sqlx::query_as(COUNT).fetch_all(store.readers()).await?;
+/// How many verifications of results of `engine` are in which state.
+pub(crate) async fn count(store: &Store, engine: EngineId) -> Result<VerificationCounts, StoreError> {
+    let rows: Vec<(String, i64)> = sqlx::query_as(COUNT).bind(engine.0.to_vec()).fetch_all(store.readers()).await?;
     let mut counts = VerificationCounts::default();
     for (state, jobs) in rows {
         *counts.of(state_of(&state)?) += unsigned::<u64>("a count", jobs)?;
