@@ -35,16 +35,27 @@ pub(crate) enum Command {
     Renew(Call<Renew>, Answer<Renewed>),
     Submit(Box<NewSweep>, Outcome<Submitted>),
     KeepHouse(Outcome<()>),
+    Absence(Absence, Outcome<Option<i64>>),
     /// Takes as many transactions as it needs, and shares none.
     Errand(Errand),
 }
 
-/// Something that changes many jobs: it is done in steps, between the batches.
+/// A worker is said to be away.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Absence {
+    pub(crate) worker: WorkerId,
+    /// It was not heard of since, as far as whoever says so knows [ms since 1970].
+    pub(crate) since_ms: i64,
+}
+
+/// Something that is done in steps of its own, between the batches.
 #[derive(Debug)]
 pub(crate) enum Errand {
     Submit(Box<NewSweep>, Outcome<Submitted>),
     /// Answered with whether there is such a sweep.
     Control(SweepId, Control, Outcome<bool>),
+    /// Lifts a worker's bar. Answered with whether there is such a worker.
+    Allow(WorkerId, Outcome<bool>),
 }
 
 /// The commands that share a transaction, by kind.
@@ -55,6 +66,7 @@ pub(crate) struct Batch {
     pub(crate) results: Vec<(Call<Report>, Answer<Recorded>)>,
     pub(crate) renewals: Vec<(Call<Renew>, Answer<Renewed>)>,
     pub(crate) housekeeping: Vec<Outcome<()>>,
+    pub(crate) absences: Vec<(Absence, Outcome<Option<i64>>)>,
     pub(crate) submissions: Vec<(Box<NewSweep>, Outcome<Submitted>)>,
     pub(crate) claims: Vec<(Call<Claim>, Answer<Leases>)>,
     /// Not of this transaction.
@@ -68,11 +80,14 @@ pub(crate) struct Answers {
     pub(crate) hellos: Vec<Reply<Welcome>>,
     pub(crate) results: Vec<Reply<Recorded>>,
     pub(crate) renewals: Vec<Reply<Renewed>>,
+    pub(crate) absences: Vec<Result<Option<i64>, StoreError>>,
     pub(crate) submissions: Vec<Result<Submitted, StoreError>>,
     pub(crate) claims: Vec<Reply<Leases>>,
     pub(crate) tally: Tally,
     /// Whether a user could see a difference.
     pub(crate) visible: bool,
+    /// Whether there may be jobs for idle workers now.
+    pub(crate) work: bool,
 }
 
 impl Batch {
@@ -85,13 +100,15 @@ impl Batch {
             Command::Renew(call, answer) => self.renewals.push((call, answer)),
             Command::Submit(sweep, answer) => self.submissions.push((sweep, answer)),
             Command::KeepHouse(answer) => self.housekeeping.push(answer),
+            Command::Absence(absence, answer) => self.absences.push((absence, answer)),
             Command::Errand(errand) => self.errands.push(errand),
         }
     }
 
     pub(crate) fn len(&self) -> usize {
         let of_workers = self.hellos.len() + self.results.len() + self.renewals.len() + self.claims.len();
-        of_workers + self.admissions.len() + self.housekeeping.len() + self.submissions.len()
+        let of_time = self.housekeeping.len() + self.absences.len();
+        of_workers + self.admissions.len() + of_time + self.submissions.len()
     }
 
     pub(crate) fn callers(&self) -> Vec<&str> {
@@ -101,10 +118,14 @@ impl Batch {
         results.chain(renewals).chain(claims).collect()
     }
 
-    pub(crate) fn seen(&self, known: &Known) -> Vec<i64> {
-        let results = self.results.iter().filter_map(|(call, _)| known.check(call).ok());
-        let renewals = self.renewals.iter().filter_map(|(call, _)| known.check(call).ok());
-        let claims = self.claims.iter().filter_map(|(call, _)| known.check(call).ok());
+    /// Those who asked something but a hello, and are who they say, with their rows.
+    pub(crate) fn seen(&self, known: &Known) -> Vec<(i64, &WorkerId)> {
+        fn seen<'a, T>(call: &'a Call<T>, known: &Known) -> Option<(i64, &'a WorkerId)> {
+            known.check(call).ok().map(|row| (row, &call.worker))
+        }
+        let results = self.results.iter().filter_map(|(call, _)| seen(call, known));
+        let renewals = self.renewals.iter().filter_map(|(call, _)| seen(call, known));
+        let claims = self.claims.iter().filter_map(|(call, _)| seen(call, known));
         results.chain(renewals).chain(claims).collect()
     }
 
@@ -127,10 +148,11 @@ impl Batch {
         let results = self.results.into_iter().map(|(call, answer)| Command::Result(call, answer));
         let renewals = self.renewals.into_iter().map(|(call, answer)| Command::Renew(call, answer));
         let housekeeping = self.housekeeping.into_iter().map(Command::KeepHouse);
+        let absences = self.absences.into_iter().map(|(absence, answer)| Command::Absence(absence, answer));
         let submissions = self.submissions.into_iter().map(|(sweep, answer)| Command::Submit(sweep, answer));
         let claims = self.claims.into_iter().map(|(call, answer)| Command::Claim(call, answer));
-        let admitted = admissions.chain(hellos);
-        admitted.chain(results).chain(renewals).chain(housekeeping).chain(submissions).chain(claims)
+        let (admitted, of_time) = (admissions.chain(hellos), housekeeping.chain(absences));
+        admitted.chain(results).chain(renewals).chain(of_time).chain(submissions).chain(claims)
     }
 
     pub(crate) fn split(self) -> impl Iterator<Item = Self> {
@@ -152,6 +174,7 @@ impl Batch {
         send(self.hellos, answers.hellos);
         send(self.results, answers.results);
         send(self.renewals, answers.renewals);
+        send(self.absences, answers.absences);
         send(self.submissions, answers.submissions);
         send(self.claims, answers.claims);
         for to in self.housekeeping {
@@ -177,6 +200,7 @@ impl Batch {
                 Command::Renew(_, to) => unavailable(to, &detail),
                 Command::Submit(_, to) => _ = to.send(Err(not_written())),
                 Command::KeepHouse(to) => _ = to.send(Err(not_written())),
+                Command::Absence(_, to) => _ = to.send(Err(not_written())),
                 Command::Errand(_) => {}
             }
         }
@@ -184,7 +208,15 @@ impl Batch {
 }
 
 impl Answers {
-    pub(crate) fn changed_something(&self, expired: bool) -> bool {
+    /// Notes what a batch came to; some leases may have ended in it.
+    pub(crate) fn look_back(&mut self, leases_ended: bool, batch: &Batch) {
+        self.visible = self.changed_something(leases_ended);
+        let gave_back = |run: &RunReport| !matches!(run.ended, RunEnd::Done(_));
+        let given_back = batch.results.iter().any(|(call, _)| call.body.runs.iter().any(gave_back));
+        self.work = leases_ended || given_back || self.submissions.iter().any(Result::is_ok);
+    }
+
+    fn changed_something(&self, expired: bool) -> bool {
         let claimed = |reply: &Reply<Leases>| matches!(reply, Reply::Ok(leases) if !leases.jobs.is_empty());
         let submitted = self.submissions.iter().any(Result::is_ok);
         let admitted = !self.admissions.is_empty();

@@ -9,18 +9,17 @@ use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
-use crate::batch::{Admission, Command, Errand};
+use crate::batch::{Absence, Admission, Command, Errand};
 use crate::config::Config;
 use crate::error::StoreError;
-use crate::rate::Rates;
 use crate::store::admission::{Admitted, Request};
 use crate::store::control::Control;
 use crate::store::worker::Newcomers;
-use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, worker};
+use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, verification, worker};
 use crate::validate;
 use crate::view::{
-    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange, WorkerChange,
-    WorkerInfo,
+    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange,
+    VerificationCounts, WorkerChange, WorkerInfo,
 };
 use crate::writer;
 
@@ -38,9 +37,9 @@ struct Shared {
     store: Store,
     config: Config,
     commands: mpsc::Sender<Command>,
-    rates: Arc<Rates<SweepId>>,
-    worker_rates: Arc<Rates<WorkerId>>,
+    rates: writer::WriterRates,
     changed: watch::Receiver<u64>,
+    work: watch::Receiver<u64>,
     stop: CancellationToken,
     stopped: CancellationToken,
 }
@@ -53,15 +52,15 @@ impl Coordinator {
     #[must_use]
     pub fn start(store: Store, config: Config) -> Self {
         let (commands, queue) = mpsc::channel(QUEUE_LENGTH);
-        let (bell, changed) = watch::channel(0);
-        let now_ms = config.clock.now_ms();
-        let (rates, worker_rates) = (Arc::new(Rates::starting_at(now_ms)), Arc::new(Rates::starting_at(now_ms)));
+        let ((changes, changed), (hints, work)) = (watch::channel(0), watch::channel(0));
+        let bells = writer::Bells { changed: changes, work: hints };
+        let rates = writer::WriterRates::starting_at(config.clock.now_ms());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
-        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), worker_rates.clone(), bell);
+        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bells);
         tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
         let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
         tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, worker_rates, changed, stop, stopped }) }
+        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, work, stop, stopped }) }
     }
 
     /// A coordinator that answers what is asked of a store opened to read, beside the one that changes it. All else is
@@ -71,12 +70,12 @@ impl Coordinator {
     /// Outside a tokio runtime.
     #[must_use]
     pub fn reading(store: Store, config: Config) -> Self {
-        // Nobody receives what is sent into this queue, or rings this bell.
-        let ((commands, _), (_, changed)) = (mpsc::channel(1), watch::channel(0));
-        let rates = Arc::new(Rates::starting_at(config.clock.now_ms()));
+        // Nobody receives what is sent into this queue, or rings these bells.
+        let ((commands, _), (_, changed), (_, work)) = (mpsc::channel(1), watch::channel(0), watch::channel(0));
+        let rates = writer::WriterRates::starting_at(config.clock.now_ms());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
         tokio::spawn(close_when_asked(store.clone(), stop.clone(), stopped.clone()));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
+        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, work, stop, stopped }) }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.
@@ -130,6 +129,18 @@ impl Coordinator {
             return Reply::Refused(refusal);
         }
         self.ask(|answer| Command::Renew(call, answer)).await
+    }
+
+    /// A worker seems to be gone: its connection broke, say. If nothing was heard of it since `since_ms` its leases end
+    /// at once, as if they had run out; should it be there after all, its results still count. Otherwise tells when it
+    /// was last heard of [ms since 1970].
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`]: nothing was changed. [`StoreError::Closed`] after a shutdown.
+    pub async fn worker_gone(&self, worker: WorkerId, since_ms: i64) -> Result<Option<i64>, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Absence(Absence { worker, since_ms }, answer)).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
     }
 
     /// Takes a sweep in, all of it or nothing: known jobs are shared, those with a result count at once.
@@ -280,7 +291,7 @@ impl Coordinator {
         let mut workers = worker::list(&self.shared.store, worker).await?;
         let now_ms = self.now_ms();
         for worker in &mut workers {
-            worker.rate_per_s = self.shared.worker_rates.per_s(&worker.id, worker.first_seen_ms, now_ms);
+            worker.rate_per_s = self.shared.rates.workers.per_s(&worker.id, worker.first_seen_ms, now_ms);
         }
         Ok(workers)
     }
@@ -325,10 +336,47 @@ impl Coordinator {
         incident::list(&self.shared.store, limit).await
     }
 
+    /// How many results of its engine were, or are being, verified.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn verifications(&self) -> Result<VerificationCounts, StoreError> {
+        verification::count(&self.shared.store, self.engine()).await
+    }
+
+    /// Whether it has results computed again.
+    #[must_use]
+    pub fn verifies(&self) -> bool {
+        self.shared.config.verify.share > 0.0
+    }
+
+    /// Lets a barred worker have jobs again, once a user knows that it was not at fault or has been mended; false if
+    /// there is no such worker. What was found out about its results stays.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`]: it may be asked again.
+    pub async fn allow(&self, worker: WorkerId) -> Result<bool, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Errand(Errand::Allow(worker, answer))).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
     /// A number that grows with every commit that changed something a user can see: wait on it instead of polling.
     #[must_use]
     pub fn changed(&self) -> watch::Receiver<u64> {
         self.shared.changed.clone()
+    }
+
+    /// A number that grows when there may be jobs for idle workers.
+    #[must_use]
+    pub fn work(&self) -> watch::Receiver<u64> {
+        self.shared.work.clone()
+    }
+
+    /// The time by its clock [ms since 1970].
+    #[must_use]
+    pub fn now_ms(&self) -> i64 {
+        self.shared.config.clock.now_ms()
     }
 
     /// Expires leases now; a task does so every second anyway.
@@ -360,7 +408,7 @@ impl Coordinator {
     fn add_rate(&self, sweep: &mut Sweep) {
         let now_ms = self.now_ms();
         let left = sweep.queued + sweep.leased;
-        sweep.rate_per_s = self.shared.rates.per_s(&sweep.id, sweep.created_ms, now_ms);
+        sweep.rate_per_s = self.shared.rates.sweeps.per_s(&sweep.id, sweep.created_ms, now_ms);
         sweep.eta_s = match sweep.rate_per_s {
             _ if left == 0 => Some(0.0),
             _ if sweep.state == SweepState::Paused => None,

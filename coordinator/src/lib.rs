@@ -32,13 +32,14 @@ pub mod zenoh_service;
 mod testing;
 
 pub use authority::{Authority, AuthorityError};
-pub use config::{Clock, ClockHand, Config};
+pub use config::{Clock, ClockHand, Config, Verify};
 pub use coordinator::Coordinator;
 pub use error::StoreError;
 pub use gate::Gate;
 pub use store::admission::SecretTerms;
 pub use store::{Backup, Store};
 pub use view::{
-    Attempt, AttemptEnd, CellSummary, CellValues, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem, JobPage,
-    JobRef, JobResult, KeyPrefix, RunValue, SweepChange, WorkerChange, WorkerInfo,
+    Attempt, AttemptEnd, Bar, CellSummary, CellValues, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem,
+    JobPage, JobRef, JobResult, KeyPrefix, Opinion, RunValue, SweepChange, Verification, VerificationCounts,
+    VerificationState, WorkerChange, WorkerInfo,
 };

@@ -1,4 +1,4 @@
-//! The coordinator on the network: a queryable a question, and a token that says it is there.
+//! The coordinator on the network: a queryable a question, a token that says it is there, and an eye on the workers' tokens.
 //!
 //! The keys are those of [`furrow_schema::protocol::key`]. While the service runs it holds the liveliness token
 //! [`furrow_schema::protocol::coordinator_key`]: a worker that knows the namespace asks for the tokens under
@@ -7,12 +7,15 @@
 //! Zenoh's own thread only drops a query into a bounded queue. When that is full the query gets no answer,
 //! which to the worker is an unknown outcome: it asks again later, under the same request.
 
+mod hints;
+mod presence;
+
 use std::sync::Arc;
 
 use furrow_schema::protocol::{Method, coordinator_key, key};
 use futures::{StreamExt, stream};
 use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
+use tokio::task::{AbortHandle, JoinHandle};
 use zenoh::Session;
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
@@ -39,6 +42,7 @@ pub struct ZenohService {
     queryables: Vec<Queryable<()>>,
     answering: JoinHandle<()>,
     gate: Option<Gate>,
+    beside: [AbortHandle; 2],
 }
 
 /// Brings `coordinator` onto the network. Needs a tokio runtime with several threads.
@@ -60,11 +64,14 @@ pub async fn serve(coordinator: Coordinator, config: ZenohConfig) -> Result<Zeno
         queryables.push(declare(&session, &key, method, queue.clone()).await?);
     }
     let token = coordinator_key(&config.namespace, coordinator.id());
+    let watching = presence::watch(&session, &config.namespace, coordinator.clone()).await?;
+    let hinting = tokio::spawn(hints::give(session.clone(), config.namespace.clone(), coordinator.clone()));
     let who = gate.clone().map_or_else(|| Answerer::Coordinator(coordinator), Answerer::Gate);
     let answering = tokio::spawn(answer_all(who, queries));
     let token = session.liveliness().declare_token(token).await?;
     tracing::info!(?endpoints, namespace = config.namespace, "listening for workers");
-    Ok(ZenohService { session, endpoints, token, queryables, answering, gate })
+    let beside = [watching.abort_handle(), hinting.abort_handle()];
+    Ok(ZenohService { session, endpoints, token, queryables, answering, gate, beside })
 }
 
 /// Who answers the network.
@@ -100,7 +107,8 @@ impl ZenohService {
 
     /// Withdraws the token, takes no more queries, answers those that came, and closes the session.
     pub async fn close(self) {
-        let Self { session, token, queryables, answering, .. } = self;
+        let Self { session, token, queryables, answering, beside, .. } = self;
+        beside.iter().for_each(AbortHandle::abort);
         let mut failed = token.undeclare().await.err();
         for queryable in queryables {
             failed = queryable.undeclare().await.err().or(failed);

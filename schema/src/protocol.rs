@@ -42,6 +42,21 @@ pub fn coordinator_key(namespace: &str, coordinator: &str) -> String {
     format!("{KEY_PREFIX}/{namespace}/{coordinator}/coordinator")
 }
 
+/// The key of the liveliness token that `worker` holds on its session with `coordinator`.
+///
+/// With `*` for the worker it is the key expression of all of them: the last word is a worker's id. It only tells a
+/// coordinator sooner that a worker died; leases decide.
+#[must_use]
+pub fn worker_key(namespace: &str, coordinator: &str, worker: &str) -> String {
+    format!("{KEY_PREFIX}/{namespace}/{coordinator}/worker/{worker}")
+}
+
+/// The key on which `coordinator` puts an empty hint when there may be jobs for idle workers. It may be lost.
+#[must_use]
+pub fn work_key(namespace: &str, coordinator: &str) -> String {
+    format!("{KEY_PREFIX}/{namespace}/{coordinator}/hint/work")
+}
+
 /// The questions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Method {
@@ -151,6 +166,12 @@ pub enum Refusal {
         /// Why not.
         detail: String,
     },
+    /// Other machines had another result than this worker. The worker ends; a user finds out why.
+    #[error("this worker is barred: {detail}")]
+    Barred {
+        /// What speaks against it.
+        detail: String,
+    },
     /// The question could not be read or breaks a limit. The worker reports it as a fault of its own.
     #[error("malformed request: {detail}")]
     Malformed {
@@ -169,7 +190,7 @@ impl Refusal {
     /// Whether the coordinator will not have this worker, whatever it asks.
     #[must_use]
     pub fn turns_away(&self) -> bool {
-        matches!(self, Self::BadCredential | Self::NotEnrolled | Self::Revoked | Self::Expired)
+        matches!(self, Self::BadCredential | Self::NotEnrolled | Self::Revoked | Self::Expired | Self::Barred { .. })
     }
 }
 
@@ -379,6 +400,8 @@ mod tests {
     fn keys_hold_version_namespace_and_coordinator() {
         assert_eq!(key("default", "c0ffee", Method::Claim), "furrow/v1/default/c0ffee/claim");
         assert_eq!(coordinator_key("default", "c0ffee"), "furrow/v1/default/c0ffee/coordinator");
+        assert_eq!(worker_key("default", "c0ffee", "*"), "furrow/v1/default/c0ffee/worker/*");
+        assert_eq!(work_key("default", "c0ffee"), "furrow/v1/default/c0ffee/work");
     }
 
     #[test]

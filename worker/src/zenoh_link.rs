@@ -9,6 +9,7 @@
 //! for again; meanwhile another one is not taken for it before all leases of the old one ran out.
 
 mod discovery;
+mod life;
 mod session;
 
 use std::time::Duration;
@@ -21,14 +22,14 @@ use furrow_schema::protocol::{
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use tokio::sync::Mutex;
+use tokio::sync::{Mutex, watch};
 use tokio::time::Instant;
 use zenoh::Session;
-use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
 
 use crate::lan::{Certificates, Enrolment};
 use crate::link::{Link, LinkError};
+use life::Life;
 
 /// A question is given up after this long. A coordinator that is busy with a large submission needs some of it.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(10);
@@ -116,6 +117,8 @@ pub struct ZenohLink {
     namespace: String,
     coordinator: String,
     faithful_for: Duration,
+    /// Changes when the coordinator hints at new work.
+    work: watch::Sender<u64>,
     state: Mutex<State>,
 }
 
@@ -125,8 +128,8 @@ struct State {
     session: Session,
     /// Since when questions have no answer: the coordinator may be elsewhere, or another in its place.
     away_since: Option<Instant>,
-    /// Tells the coordinator at once when this process dies.
-    token: Option<(WorkerId, LivelinessToken)>,
+    /// Tells the coordinator at once when this process dies, and hears its hints.
+    life: Option<Life>,
 }
 
 impl ZenohLink {
@@ -138,8 +141,9 @@ impl ZenohLink {
         let found = discovery::find(&config).await?;
         tracing::info!(endpoint = found.endpoint, coordinator = found.coordinator, "connected");
         let namespace = config.namespace.clone();
-        let state = Mutex::new(State { config, session: found.session, away_since: None, token: None });
-        Ok(Self { namespace, coordinator: found.coordinator, faithful_for: FAITHFUL_FOR, state })
+        let state = Mutex::new(State { config, session: found.session, away_since: None, life: None });
+        let work = watch::Sender::new(0);
+        Ok(Self { namespace, coordinator: found.coordinator, faithful_for: FAITHFUL_FOR, work, state })
     }
 
     /// The coordinator's id.
@@ -152,7 +156,7 @@ impl ZenohLink {
     /// later.
     pub async fn close(&self) {
         let mut state = self.state.lock().await;
-        state.token = None;
+        state.life = None;
         close(&state.session).await;
     }
 
@@ -227,20 +231,20 @@ impl ZenohLink {
         tracing::info!(endpoint = found.endpoint, coordinator = self.coordinator, "going on over another connection");
         let old = std::mem::replace(&mut state.session, found.session);
         state.away_since = None;
-        if let Some((worker, _)) = state.token.take() {
-            self.show_life(&worker, state).await;
+        if let Some(life) = state.life.take() {
+            self.show_life(&life.worker, state).await;
         }
         tokio::spawn(async move { close(&old).await });
     }
 
     /// Shows the coordinator that the worker lives, for as long as this link does.
     async fn show_life(&self, worker: &WorkerId, state: &mut State) {
-        if state.token.as_ref().is_some_and(|(shown, _)| shown == worker) {
+        if state.life.as_ref().is_some_and(|life| &life.worker == worker) {
             return;
         }
-        let key = session::worker_key(&self.namespace, &self.coordinator, worker);
-        match state.session.liveliness().declare_token(key).await {
-            Ok(token) => state.token = Some((worker.clone(), token)),
+        let bell = self.work.clone();
+        match Life::show(&state.session, &self.namespace, &self.coordinator, worker, bell).await {
+            Ok(life) => state.life = Some(life),
             Err(error) => tracing::warn!(%error, "the coordinator will notice this worker's end only by its leases"),
         }
     }
@@ -301,6 +305,10 @@ impl Link for ZenohLink {
 
     async fn renew(&self, call: Call<Renew>) -> Result<Reply<Renewed>, LinkError> {
         self.ask(Method::Renew, &call).await
+    }
+
+    fn changes(&self) -> Option<watch::Receiver<u64>> {
+        Some(self.work.subscribe())
     }
 }
 

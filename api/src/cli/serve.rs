@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use furrow_coordinator::zenoh_service::{self, ZenohConfig};
-use furrow_coordinator::{Config, Store};
+use furrow_coordinator::{Config, Store, Verify};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
@@ -38,6 +38,18 @@ pub(super) struct ServeArgs {
     /// Give a job up after this many workers died while it ran there
     #[arg(long, value_name = "N", default_value_t = Config::DEFAULT_MAX_ATTEMPTS, value_parser = clap::value_parser!(u32).range(1..))]
     max_attempts: u32,
+    /// Compute this share of the results again on another worker and compare, from 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = Verify::DEFAULT_SHARE, value_parser = share)]
+    verify: f64,
+}
+
+/// A share as the user gives it.
+///
+/// # Errors
+/// It is not a number from 0 to 1.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    let share = text.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| "a number from 0 to 1 is expected".to_owned())
 }
 
 /// # Errors
@@ -46,7 +58,8 @@ pub(super) async fn run(args: ServeArgs) -> Result<(), CliError> {
     let listener = listen(args.http).await?;
     let stop = stop::on_signals()?;
     let leases_hold_for = Config::WORKERS_ARE_BACK_WITHIN;
-    let config = Config { max_attempts: args.max_attempts, leases_hold_for, ..Config::new(crate::engine()) };
+    let (max_attempts, verify) = (args.max_attempts, Verify::share(args.verify));
+    let config = Config { max_attempts, leases_hold_for, verify, ..Config::new(crate::engine()) };
     let mut workers = ZenohConfig { local_network: args.lan.network(&args.db, &config)?, ..ZenohConfig::default() };
     workers.listen = vec![args.zenoh.unwrap_or_else(|| args.lan.default_endpoint().to_owned())];
     let farm = Farm::start(open(&args.db).await?, config, args.threads as usize);
@@ -135,6 +148,14 @@ mod tests {
             assert!(error.to_string().contains("only this machine"), "{error}");
         }
         assert!(listen("127.0.0.1:0".parse().unwrap()).await.is_ok());
+    }
+
+    #[test]
+    fn a_share_is_a_number_from_0_to_1() {
+        assert_eq!(["0", "0.01", "1"].map(|text| share(text).unwrap()), [0.0, 0.01, 1.0]);
+        for wrong in ["-0.1", "1.01", "NaN", "inf", "1%", ""] {
+            assert!(share(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[tokio::test]

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use furrow_schema::protocol::Refusal;
 use furrow_worker::lan::{self, EnrolError};
 use furrow_worker::{
     Config, ConnectConfig, ConnectError, Spool, SpoolError, Summary, Worker, WorkerError, ZenohLink, spool,
@@ -127,6 +128,7 @@ impl From<ConnectError> for CliError {
 impl From<WorkerError> for CliError {
     fn from(error: WorkerError) -> Self {
         match error {
+            WorkerError::Refused(Refusal::Barred { .. }) => Self::Failed(error.to_string()),
             WorkerError::Refused(_) => Self::BadInput(error.to_string()),
             _ => Self::Failed(error.to_string()),
         }
@@ -139,5 +141,17 @@ impl From<SpoolError> for CliError {
             SpoolError::Folder { .. } | SpoolError::NoPlace => Self::BadInput(error.to_string()),
             SpoolError::Full { .. } | SpoolError::Disk(_) => Self::Failed(error.to_string()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_barred_worker_is_no_bad_input() {
+        let refused = |refusal| CliError::from(WorkerError::Refused(refusal)).exit_code();
+        assert_eq!(refused(Refusal::Barred { detail: "its result differs".to_owned() }), 1);
+        assert_eq!(refused(Refusal::BadCredential), 2);
     }
 }

@@ -6,6 +6,7 @@
 
 mod extract;
 pub mod health;
+pub mod incidents;
 pub mod jobs;
 mod layers;
 mod negotiate;
@@ -84,6 +85,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(tables::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
+        .merge(incidents::routes())
         .merge(publications::routes())
         .merge(workers::routes())
         .merge(plans::routes())

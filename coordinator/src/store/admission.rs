@@ -162,7 +162,7 @@ async fn enrol(
     let key_used: bool = sqlx::query_scalar(KEY_USED).bind(public_key.0.to_vec()).fetch_one(&mut *conn).await?;
     let Some(secret) = secret else { return refused("the coordinator does not know this join secret") };
     if let Some(namesake) = &namesake {
-        if let Some(refusal) = Known::load(conn, &[call.worker.as_str()], now_ms).await?.barred(&call.worker) {
+        if let Some(refusal) = Known::load(conn, &[call.worker.as_str()], now_ms).await?.turned_away(&call.worker) {
             return Ok(Err(refusal));
         }
         match namesake.standing(*public_key, &call.credential)? {

@@ -3,7 +3,8 @@
 //! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `control` pauses, cancels
 //! and retries it, `removal` takes it out, and `settle` brings its jobs in line; `job`,
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
-//! `transition` (what changes) and `tally` (what is counted); `admission` lets workers in and turns them away; `worker`, `scenario` and `incident` are a
+//! `transition` (what changes) and `tally` (what is counted); `admission` lets workers in and turns them away,
+//! `verification` has results computed again; `worker`, `scenario` and `incident` are a
 //! table each. Statements are constants with a sentence each; a test prepares all of them.
 //!
 //! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
@@ -12,6 +13,7 @@
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
 
 pub(crate) mod admission;
+pub(crate) mod back_off;
 mod backup;
 pub(crate) mod cell;
 pub(crate) mod claim;
@@ -38,6 +40,7 @@ pub(crate) mod tally;
 pub(crate) mod transaction;
 pub(crate) mod transition;
 pub(crate) mod values;
+pub(crate) mod verification;
 pub(crate) mod worker;
 
 use std::path::Path;
@@ -246,6 +249,8 @@ mod tests {
             transaction::STATEMENTS,
             transition::STATEMENTS,
             values::STATEMENTS,
+            verification::STATEMENTS,
+            verification::REPORT_STATEMENTS,
             worker::STATEMENTS,
         ];
         for statement in all.into_iter().flatten() {

@@ -8,13 +8,13 @@ use sqlx::SqliteConnection;
 
 use crate::error::StoreError;
 use crate::store::{Store, hash, to_json, unsigned};
-use crate::view::WorkerInfo;
+use crate::view::{Bar, WorkerInfo};
 
 /// When a worker was last seen is kept to this \[ms\], to save writing it with every question.
 const SEEN_GRAIN_MS: i64 = 5_000;
 
 /// Workers by name.
-const FIND: &str = "select uid, id, credential_hash, revoked_ms is not null, coalesce(until_ms <= ?2, 0)
+const FIND: &str = "select uid, id, credential_hash, revoked_ms is not null, coalesce(until_ms <= ?2, 0), barred_reason
     from worker where uid in (select value from json_each(?1))";
 
 /// A worker's first hello.
@@ -34,8 +34,17 @@ const COUNT_RESULTS: &str = "update worker set results = results + counted.n
           from json_each(?1) as added join claim on claim.id = added.value group by claim.worker_id) as counted
     where worker.id = counted.worker_id";
 
+/// Workers that get no more jobs: row, why. The first reason stays.
+const BAR: &str = "update worker set barred_ms = ?2, barred_reason = value ->> 1
+    from json_each(?1) where worker.id = value ->> 0 and barred_ms is null
+    returning worker.id, uid, name, barred_reason";
+
+/// A worker that may have jobs again.
+const ALLOW: &str = "update worker set barred_ms = null, barred_reason = null where uid = ?1";
+
 /// All workers (or ?1 alone) with the jobs they hold.
 const LIST: &str = "select uid, name, engine.hash as engine, threads, first_seen_ms, last_seen_ms, results,
+        barred_ms, barred_reason,
         (select count(*) from job join claim on claim.id = job.claim_id
          where job.state = 'leased' and claim.worker_id = worker.id) as leased,
         enrolled_ms, certificate_until_ms, until_ms, revoked_ms
@@ -43,7 +52,7 @@ const LIST: &str = "select uid, name, engine.hash as engine, threads, first_seen
     where ?1 is null or uid = ?1 order by last_seen_ms desc, worker.id desc";
 
 #[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[FIND, ADD, UPDATE, SEEN, COUNT_RESULTS, LIST];
+pub(super) const STATEMENTS: &[&str] = &[FIND, ADD, UPDATE, SEEN, COUNT_RESULTS, BAR, ALLOW, LIST];
 
 /// What becomes of a worker that says hello and is not known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,7 +71,7 @@ pub(crate) struct Known(HashMap<String, Row>);
 struct Row {
     id: i64,
     credential: blake3::Hash,
-    barred: Option<Refusal>,
+    turned_away: Option<Refusal>,
 }
 
 impl Known {
@@ -71,12 +80,16 @@ impl Known {
         if callers.is_empty() {
             return Ok(Self::default());
         }
-        let rows: Vec<(String, i64, Vec<u8>, bool, bool)> =
+        let rows: Vec<(String, i64, Vec<u8>, bool, bool, Option<String>)> =
             sqlx::query_as(FIND).bind(to_json(&callers)).bind(now_ms).fetch_all(conn).await?;
-        let known = rows.into_iter().map(|(uid, id, credential, revoked, over)| {
+        let known = rows.into_iter().map(|(uid, id, credential, revoked, over, barred)| {
             let credential = blake3::Hash::from_bytes(hash("a credential's hash", &credential)?);
-            let barred = if revoked { Some(Refusal::Revoked) } else { over.then_some(Refusal::Expired) };
-            Ok((uid, Row { id, credential, barred }))
+            let turned_away = match barred {
+                _ if revoked => Some(Refusal::Revoked),
+                _ if over => Some(Refusal::Expired),
+                barred => barred.map(|detail| Refusal::Barred { detail }),
+            };
+            Ok((uid, Row { id, credential, turned_away }))
         });
         known.collect::<Result<_, StoreError>>().map(Self)
     }
@@ -88,12 +101,12 @@ impl Known {
         if row.credential != hash_of(&call.credential) {
             return Err(Refusal::BadCredential);
         }
-        row.barred.clone().map_or(Ok(row.id), Err)
+        row.turned_away.clone().map_or(Ok(row.id), Err)
     }
 
     /// Why a worker is turned away, whatever its credential.
-    pub(crate) fn barred(&self, worker: &WorkerId) -> Option<Refusal> {
-        self.0.get(worker.as_str())?.barred.clone()
+    pub(crate) fn turned_away(&self, worker: &WorkerId) -> Option<Refusal> {
+        self.0.get(worker.as_str())?.turned_away.clone()
     }
 }
 
@@ -139,6 +152,26 @@ pub(crate) async fn seen(conn: &mut SqliteConnection, workers: &[i64], now_ms: i
     Ok(())
 }
 
+/// Bars workers: row, why. Returns the rows of those that were not barred before.
+pub(crate) async fn bar(
+    conn: &mut SqliteConnection,
+    workers: &[(i64, String)],
+    now_ms: i64,
+) -> Result<Vec<i64>, StoreError> {
+    let rows: Vec<(i64, String, String, String)> =
+        sqlx::query_as(BAR).bind(to_json(&workers)).bind(now_ms).fetch_all(conn).await?;
+    for (_, worker, name, reason) in &rows {
+        tracing::error!(worker, name, reason, "a worker is barred: it gets no more jobs");
+    }
+    Ok(rows.into_iter().map(|row| row.0).collect())
+}
+
+/// Lets a worker have jobs again; false if there is no such worker.
+pub(crate) async fn allow(conn: &mut SqliteConnection, worker: &WorkerId) -> Result<bool, StoreError> {
+    let changed = sqlx::query(ALLOW).bind(worker.as_str()).execute(conn).await?;
+    Ok(changed.rows_affected() > 0)
+}
+
 #[derive(sqlx::FromRow)]
 struct InfoRow {
     uid: String,
@@ -153,6 +186,8 @@ struct InfoRow {
     certificate_until_ms: Option<i64>,
     until_ms: Option<i64>,
     revoked_ms: Option<i64>,
+    barred_ms: Option<i64>,
+    barred_reason: Option<String>,
 }
 
 /// All workers, the latest seen first; or the one named.
@@ -174,6 +209,7 @@ pub(crate) async fn list(store: &Store, worker: Option<&WorkerId>) -> Result<Vec
             certificate_until_ms: row.certificate_until_ms,
             until_ms: row.until_ms,
             revoked_ms: row.revoked_ms,
+            barred: row.barred_ms.zip(row.barred_reason).map(|(since_ms, reason)| Bar { since_ms, reason }),
         })
     };
     rows.into_iter().map(info).collect()

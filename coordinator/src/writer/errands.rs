@@ -6,7 +6,7 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use furrow_schema::id::SweepId;
+use furrow_schema::id::{SweepId, WorkerId};
 use furrow_schema::sweep::{NewSweep, Submitted};
 use sqlx::SqliteConnection;
 
@@ -16,7 +16,7 @@ use crate::error::StoreError;
 use crate::store::control::{self, Begun, Control, Stepped};
 use crate::store::submit::Expansion;
 use crate::store::transaction::Transaction;
-use crate::store::{Store, removal, submit};
+use crate::store::{Store, removal, submit, worker};
 
 /// A large submission writes so many chunks in one transaction: fewer write the same pages again and again, more let the
 /// others wait.
@@ -25,6 +25,7 @@ const CHUNKS_A_STEP: usize = 4;
 /// All errands, begun or not.
 #[derive(Debug, Default)]
 pub(super) struct Errands {
+    allowances: VecDeque<(WorkerId, Outcome<bool>)>,
     controls: VecDeque<(SweepId, Control, Outcome<bool>)>,
     submissions: VecDeque<(Box<NewSweep>, Outcome<Submitted>)>,
     /// The submission that is under way.
@@ -59,6 +60,7 @@ impl Errands {
         for errand in batch.errands.drain(..) {
             match errand {
                 Errand::Submit(sweep, outcome) => self.submissions.push_back((sweep, outcome)),
+                Errand::Allow(worker, outcome) => self.allowances.push_back((worker, outcome)),
                 Errand::Control(sweep, control, outcome) => self.controls.push_back((sweep, control, outcome)),
             }
         }
@@ -67,11 +69,18 @@ impl Errands {
     /// Whether there is anything to do now.
     pub(super) fn wait(&self) -> bool {
         let under_way = self.coming.is_some() || self.unfinished;
-        !self.controls.is_empty() || !self.submissions.is_empty() || (under_way && !self.stalled)
+        !self.allowances.is_empty()
+            || !self.controls.is_empty()
+            || !self.submissions.is_empty()
+            || (under_way && !self.stalled)
     }
 
     /// Does the next step: what users do to sweeps goes before submissions, and both before removals.
     pub(super) async fn step(&mut self, writer: &Writer) {
+        if let Some((worker, outcome)) = self.allowances.pop_front() {
+            let _ = outcome.send(allow(writer, &worker).await.map_err(|error| not_written(&error)));
+            return;
+        }
         if let Some((sweep, control, outcome)) = self.controls.pop_front() {
             return self.begin_control(writer, sweep, control, outcome).await;
         }
@@ -206,6 +215,13 @@ async fn disown_all(writer: &Writer) -> Result<(), StoreError> {
     let mut step = Step::begin(writer).await?;
     let disowned = removal::disown_all(&mut step.transaction, step.now_ms).await;
     step.end(disowned).await
+}
+
+async fn allow(writer: &Writer, worker: &WorkerId) -> Result<bool, StoreError> {
+    let mut step = Step::begin(writer).await?;
+    let known = worker::allow(&mut step.transaction, worker).await?;
+    step.commit().await?;
+    Ok(known)
 }
 
 async fn begin_control(

@@ -78,6 +78,13 @@ impl Running {
         ended.unwrap_or_else(|_| panic!("the process does not end")).unwrap().code()
     }
 
+    /// Waits until the process ends by itself; its exit code and its log.
+    pub(crate) async fn ends(&mut self, within: Duration) -> (Option<i32>, String) {
+        let ended = timeout(within, self.child.wait()).await;
+        let status = ended.unwrap_or_else(|_| panic!("the process goes on for {within:?}")).unwrap();
+        (status.code(), fs::read_to_string(&self.log).unwrap_or_default())
+    }
+
     /// Asks the process to end, as a service manager does, and waits until it has.
     pub(crate) async fn terminate(&mut self, within: Duration) -> ExitStatus {
         let pid = self.child.id().expect("the process still runs").to_string();

@@ -44,7 +44,17 @@ impl Server {
 
     /// The same, where workers know it.
     pub(crate) async fn start_at(db: &str, threads: u32, endpoint: &str) -> Self {
-        Self::start_with(db, &["--zenoh", endpoint, "--threads", &threads.to_string()], &[]).await
+        // Every run counts in these tests: none is done twice to verify it.
+        Self::launch(db, threads, endpoint, "0").await
+    }
+
+    /// Serves `db` to other processes, and has this share of the results computed again.
+    pub(crate) async fn verifying(db: &str, share: &str) -> Self {
+        Self::launch(db, 0, "tcp/127.0.0.1:0", share).await
+    }
+
+    async fn launch(db: &str, threads: u32, endpoint: &str, verify: &str) -> Self {
+        Self::start_with(db, &["--zenoh", endpoint, "--threads", &threads.to_string(), "--verify", verify], &[]).await
     }
 
     /// Serves the database `db` with these arguments and this environment.

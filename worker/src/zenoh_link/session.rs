@@ -2,8 +2,7 @@
 
 use std::time::Duration;
 
-use furrow_schema::id::WorkerId;
-use furrow_schema::protocol::{KEY_PREFIX, coordinator_key};
+use furrow_schema::protocol::coordinator_key;
 use serde_json::{Value, json};
 use zenoh::config::Config;
 use zenoh::{Session, Wait};
@@ -16,11 +15,6 @@ const ROLL_CALL: Duration = Duration::from_secs(2);
 const OPEN_ATTEMPT: Duration = Duration::from_millis(1_500);
 /// A peer that shows no life for this long is taken for dead.
 const LINK_LEASE: Duration = Duration::from_secs(2);
-
-/// The key of the liveliness token that `worker` holds while it lives.
-pub(super) fn worker_key(namespace: &str, coordinator: &str, worker: &WorkerId) -> String {
-    format!("{KEY_PREFIX}/{namespace}/{coordinator}/worker/{worker}")
-}
 
 /// A Zenoh configuration with `settings` made in it.
 pub(super) fn configure(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
