@@ -1,14 +1,13 @@
 //! A copy of a database in use.
 //!
-//! SQLite writes a compact copy of one moment into a temporary file beside the target; it gets the target's name when it
-//! is whole, checked and on disk. What a killed backup leaves is named `.NAME.*.partial`, and may be removed.
+//! SQLite writes a compact copy of one moment into a temporary folder beside the target; it gets the target's name when
+//! it is whole, checked and on disk. The folder that a killed backup leaves is named `.NAME.*.partial`, and may be removed.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
-use tempfile::{NamedTempFile, TempPath};
+use tempfile::{NamedTempFile, TempDir, TempPath};
 
 use super::open::{self, quick_check};
 use super::unsigned;
@@ -51,7 +50,7 @@ pub(super) async fn copy(from: &Path, to: &Path) -> Result<Backup, StoreError> {
 
 /// Checks the copy and counts what is in it.
 async fn look_through(copy: &Path) -> Result<Backup, StoreError> {
-    let mut conn = SqliteConnectOptions::new().filename(copy).read_only(true).connect().await?;
+    let mut conn = open::options().filename(copy).read_only(true).connect().await?;
     quick_check(&mut conn, copy).await?;
     let (sweeps, jobs, results): (i64, i64, i64) = sqlx::query_as(COUNT).fetch_one(&mut conn).await?;
     conn.close().await?;
@@ -68,6 +67,8 @@ struct Target {
     to: PathBuf,
     folder: PathBuf,
     partial: TempPath,
+    /// Where SQLite works on it.
+    _work: TempDir,
 }
 
 impl Target {
@@ -80,14 +81,15 @@ impl Target {
             return Err(refused(&to, "it is no name of a file"));
         };
         let prefix = format!(".{}.", name.to_string_lossy());
-        let partial = tempfile::Builder::new().prefix(&prefix).suffix(".partial").tempfile_in(folder);
-        let partial = partial.map(NamedTempFile::into_temp_path).map_err(|error| refused(&to, error))?;
-        Ok(Self { folder: folder.to_owned(), to, partial })
+        let work = tempfile::Builder::new().prefix(&prefix).suffix(".partial").tempdir_in(folder);
+        let work = work.map_err(|error| refused(&to, error))?;
+        let partial = NamedTempFile::new_in(work.path()).map_err(|error| refused(&to, error))?.into_temp_path();
+        Ok(Self { folder: folder.to_owned(), to, partial, _work: work })
     }
 
     /// Brings it to disk and gives it its name, with the permissions of what it is a copy of.
     fn finish(self, from: &Path) -> Result<(), StoreError> {
-        let Self { to, folder, partial } = self;
+        let Self { to, folder, partial, _work } = self;
         let synced = std::fs::metadata(from)
             .and_then(|source| std::fs::set_permissions(&partial, source.permissions()))
             .and_then(|()| File::open(&partial)?.sync_all());

@@ -97,7 +97,7 @@ pub(super) async fn memory() -> Result<SqlitePool, StoreError> {
     Ok(only)
 }
 
-fn options() -> SqliteConnectOptions {
+pub(super) fn options() -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .foreign_keys(true)
         .busy_timeout(BUSY_TIMEOUT)
