@@ -209,6 +209,8 @@ fn params(common_name: &str, from_ms: i64, until_ms: i64) -> CertificateParams {
     let mut params = CertificateParams::default();
     params.not_before = at(from_ms - SLACK_MS);
     params.not_after = at(until_ms);
+    // Positive, and another for every certificate.
+    params.serial_number = Some((rand::random::<u128>() >> 1).to_be_bytes().to_vec().into());
     params.distinguished_name.remove(DnType::CommonName);
     params.distinguished_name.push(DnType::CommonName, common_name);
     params

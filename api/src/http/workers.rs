@@ -99,13 +99,13 @@ fn given<'de, D: serde::Deserializer<'de>>(value: D) -> Result<Option<i64>, D::E
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewJoinSecret {
-    /// It can be used for so long [s]: 1 to a year; a day if not given.
+    /// It can be used for so many seconds: 1 to a year of them; a day if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub valid_s: Option<u64>,
     /// So many workers may enrol with it: 1 to 10,000; 100 if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uses: Option<u32>,
-    /// The workers are let in for so long [s]: 1 to ten years; for good if not given.
+    /// The workers are let in for so many seconds: 1 to ten years of them; for good if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub workers_s: Option<u64>,
 }

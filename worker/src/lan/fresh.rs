@@ -10,25 +10,25 @@ use tokio::time::sleep;
 
 use super::enrol::now_ms;
 use super::{Certificates, Enrolment};
+use crate::backoff::Backoff;
 use crate::spool::{Identity, Spool, SpoolError};
 use crate::zenoh_link::ZenohLink;
 
 /// The longest pause between two looks at the clock, which may be set meanwhile.
 const LOOK_EVERY: Duration = Duration::from_secs(60 * 60);
-/// Pause after a question without an answer that helps.
-const ASK_AGAIN: Duration = Duration::from_secs(60);
-
 /// Replaces the worker's certificate whenever half of its time is over, for ever. A worker that is not enrolled has
 /// nothing to replace. A refusal changes nothing here: the worker's other questions meet it, too.
 pub async fn keep_fresh(link: &ZenohLink, spool: &Mutex<Spool>) -> Infallible {
+    let mut backoff = Backoff::new();
     loop {
         let Some(enrolment) = of(spool, link) else { return std::future::pending().await };
         let due = Duration::from_millis(left_ms(enrolment.certificate_ms, now_ms()));
         if !due.is_zero() {
+            backoff = Backoff::new();
             sleep(due.min(LOOK_EVERY)).await;
         } else if let Err(trouble) = replace(link, spool, enrolment).await {
-            tracing::warn!(trouble, "the worker's certificate is not replaced yet");
-            sleep(ASK_AGAIN).await;
+            tracing::debug!(trouble, "the worker's certificate is not replaced yet");
+            sleep(backoff.pause()).await;
         }
     }
 }
