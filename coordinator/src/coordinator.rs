@@ -373,12 +373,6 @@ impl Coordinator {
         self.shared.work.clone()
     }
 
-    /// The time by its clock [ms since 1970].
-    #[must_use]
-    pub fn now_ms(&self) -> i64 {
-        self.shared.config.clock.now_ms()
-    }
-
     /// Expires leases now; a task does so every second anyway.
     ///
     /// # Errors

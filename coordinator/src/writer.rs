@@ -240,7 +240,7 @@ impl Writer {
     fn note_heard(&self, batch: &Batch, hellos: &[Reply<Welcome>], known: &worker::Known, now_ms: i64) -> Vec<i64> {
         let seen = batch.seen(known);
         let welcome = batch.hellos.iter().zip(hellos).filter(|(_, reply)| matches!(reply, Reply::Ok(_)));
-        let workers = welcome.map(|((call, _), _)| &call.worker).chain(seen.iter().map(|(_, worker)| *worker));
+        let workers = welcome.map(|(((call, _), _), _)| &call.worker).chain(seen.iter().map(|(_, worker)| *worker));
         self.heard.note(workers, now_ms);
         seen.into_iter().map(|(row, _)| row).collect()
     }

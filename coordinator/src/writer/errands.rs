@@ -78,7 +78,7 @@ impl Errands {
     /// Does the next step: what users do to sweeps goes before submissions, and both before removals.
     pub(super) async fn step(&mut self, writer: &Writer) {
         if let Some((worker, outcome)) = self.allowances.pop_front() {
-            let _ = outcome.send(allow(writer, &worker).await.map_err(|error| not_written(&error)));
+            let _ = outcome.send(allow(writer, &worker).await.map_err(|error| not_written(writer, error)));
             return;
         }
         if let Some((sweep, control, outcome)) = self.controls.pop_front() {
@@ -219,9 +219,8 @@ async fn disown_all(writer: &Writer) -> Result<(), StoreError> {
 
 async fn allow(writer: &Writer, worker: &WorkerId) -> Result<bool, StoreError> {
     let mut step = Step::begin(writer).await?;
-    let known = worker::allow(&mut step.transaction, worker).await?;
-    step.commit().await?;
-    Ok(known)
+    let known = worker::allow(&mut step.transaction, worker).await;
+    step.end(known).await
 }
 
 async fn begin_control(
