@@ -25,6 +25,8 @@ pub(crate) enum Command {
     Renew(Call<Renew>, Answer<Renewed>),
     Submit(Box<NewSweep>, Outcome<Submitted>),
     KeepHouse(Outcome<()>),
+    /// Changes nothing but the mark that something can be changed.
+    Beat(Outcome<()>),
     /// Takes as many transactions as it needs, and shares none.
     Errand(Errand),
 }
@@ -44,6 +46,7 @@ pub(crate) struct Batch {
     pub(crate) results: Vec<(Call<Report>, Answer<Recorded>)>,
     pub(crate) renewals: Vec<(Call<Renew>, Answer<Renewed>)>,
     pub(crate) housekeeping: Vec<Outcome<()>>,
+    pub(crate) beats: Vec<Outcome<()>>,
     pub(crate) submissions: Vec<(Box<NewSweep>, Outcome<Submitted>)>,
     pub(crate) claims: Vec<(Call<Claim>, Answer<Leases>)>,
     /// Not of this transaction.
@@ -72,13 +75,14 @@ impl Batch {
             Command::Renew(call, answer) => self.renewals.push((call, answer)),
             Command::Submit(sweep, answer) => self.submissions.push((sweep, answer)),
             Command::KeepHouse(answer) => self.housekeeping.push(answer),
+            Command::Beat(answer) => self.beats.push(answer),
             Command::Errand(errand) => self.errands.push(errand),
         }
     }
 
     pub(crate) fn len(&self) -> usize {
         let of_workers = self.hellos.len() + self.results.len() + self.renewals.len() + self.claims.len();
-        of_workers + self.housekeeping.len() + self.submissions.len()
+        of_workers + self.housekeeping.len() + self.beats.len() + self.submissions.len()
     }
 
     pub(crate) fn callers(&self) -> Vec<&str> {
@@ -100,9 +104,10 @@ impl Batch {
         let results = self.results.into_iter().map(|(call, answer)| Command::Result(call, answer));
         let renewals = self.renewals.into_iter().map(|(call, answer)| Command::Renew(call, answer));
         let housekeeping = self.housekeeping.into_iter().map(Command::KeepHouse);
+        let beats = self.beats.into_iter().map(Command::Beat);
         let submissions = self.submissions.into_iter().map(|(sweep, answer)| Command::Submit(sweep, answer));
         let claims = self.claims.into_iter().map(|(call, answer)| Command::Claim(call, answer));
-        hellos.chain(results).chain(renewals).chain(housekeeping).chain(submissions).chain(claims)
+        hellos.chain(results).chain(renewals).chain(housekeeping).chain(beats).chain(submissions).chain(claims)
     }
 
     pub(crate) fn split(self) -> impl Iterator<Item = Self> {
@@ -125,7 +130,7 @@ impl Batch {
         send(self.renewals, answers.renewals);
         send(self.submissions, answers.submissions);
         send(self.claims, answers.claims);
-        for to in self.housekeeping {
+        for to in self.housekeeping.into_iter().chain(self.beats) {
             let _ = to.send(Ok(()));
         }
     }
@@ -142,7 +147,7 @@ impl Batch {
                 Command::Result(_, to) => unavailable(to, &detail),
                 Command::Renew(_, to) => unavailable(to, &detail),
                 Command::Submit(_, to) => _ = to.send(Err(StoreError::NotWritten(detail.clone()))),
-                Command::KeepHouse(to) => _ = to.send(Err(StoreError::NotWritten(detail.clone()))),
+                Command::KeepHouse(to) | Command::Beat(to) => _ = to.send(Err(StoreError::NotWritten(detail.clone()))),
                 Command::Errand(_) => {}
             }
         }

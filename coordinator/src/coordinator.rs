@@ -12,12 +12,14 @@ use tokio_util::sync::CancellationToken;
 use crate::batch::{Command, Errand};
 use crate::config::Config;
 use crate::error::StoreError;
+use crate::figures::Figures;
 use crate::rate::Rates;
 use crate::store::control::Control;
-use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, worker};
+use crate::store::{Store, cell, census, incident, job, runs, submit, sweep, token, values, worker};
+use crate::token::{Secret, TokenInfo};
 use crate::validate;
 use crate::view::{
-    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange, WorkerInfo,
+    CellSummary, CellValues, Census, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange, WorkerInfo,
 };
 use crate::writer;
 
@@ -36,6 +38,7 @@ struct Shared {
     config: Config,
     commands: mpsc::Sender<Command>,
     rates: Arc<Rates>,
+    figures: Arc<Figures>,
     changed: watch::Receiver<u64>,
     stop: CancellationToken,
     stopped: CancellationToken,
@@ -51,12 +54,13 @@ impl Coordinator {
         let (commands, queue) = mpsc::channel(QUEUE_LENGTH);
         let (bell, changed) = watch::channel(0);
         let rates = Arc::new(Rates::starting_at(config.clock.now_ms()));
+        let figures = Arc::new(Figures::default());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
-        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bell);
+        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), figures.clone(), bell);
         tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
         let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
         tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
+        Self { shared: Arc::new(Shared { store, config, commands, rates, figures, changed, stop, stopped }) }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.
@@ -245,6 +249,47 @@ impl Coordinator {
     /// [`StoreError::Database`] and [`StoreError::Damaged`].
     pub async fn incidents(&self, limit: u32) -> Result<Vec<Incident>, StoreError> {
         incident::list(&self.shared.store, limit).await
+    }
+
+    /// The valid token that was sent; none if there is no such token, or it is expired or revoked.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn token(&self, sent: &Secret) -> Result<Option<TokenInfo>, StoreError> {
+        let now_ms = self.shared.config.clock.now_ms();
+        Ok(token::find(&self.shared.store, &sent.hash()).await?.filter(|token| token.is_valid(now_ms)))
+    }
+
+    /// Notes that a token was used, to the minute.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`]: it was not noted, which harms nothing.
+    pub async fn note_use(&self, token: &TokenInfo) -> Result<(), StoreError> {
+        token::used(&self.shared.store, token, self.shared.config.clock.now_ms()).await
+    }
+
+    /// How much there is of everything.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn census(&self) -> Result<Census, StoreError> {
+        census::take(&self.shared.store, self.shared.config.clock.now_ms()).await
+    }
+
+    /// What the writer did since it was started.
+    #[must_use]
+    pub fn figures(&self) -> &Figures {
+        &self.shared.figures
+    }
+
+    /// Has the writer write and commit a mark: proof that it answers and that the disk takes what it writes.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`].
+    pub async fn beat(&self) -> Result<(), StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Beat(answer)).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
     }
 
     /// A number that grows with every commit that changed something a user can see: wait on it instead of polling.

@@ -7,16 +7,18 @@
 //! questions and [`zenoh_service`] brings them in from the network. [`view`] is what users get to see.
 //!
 //! A worker in the same process calls the coordinator's methods, one elsewhere sends the same questions as
-//! JSON: there is no other difference.
+//! JSON: there is no other difference. [`token`] says who may ask over HTTP, [`figures`] what the writer did.
 
 mod batch;
 pub mod config;
 pub mod coordinator;
 pub mod error;
 pub mod exact_sum;
+pub mod figures;
 pub mod moments;
 mod rate;
 pub mod store;
+pub mod token;
 mod validate;
 pub mod view;
 pub mod wire;
@@ -32,6 +34,6 @@ pub use coordinator::Coordinator;
 pub use error::StoreError;
 pub use store::Store;
 pub use view::{
-    Attempt, AttemptEnd, CellSummary, CellValues, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem, JobPage,
-    JobRef, JobResult, KeyPrefix, RunValue, SweepChange, WorkerInfo,
+    Attempt, AttemptEnd, CellSummary, CellValues, Census, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem,
+    JobPage, JobRef, JobResult, KeyPrefix, RunValue, SweepChange, WorkerInfo,
 };

@@ -378,3 +378,20 @@ pub struct WorkerInfo {
     /// When it last asked for something or renewed, to within 5 s [ms since 1970].
     pub last_seen_ms: i64,
 }
+
+/// How much there is of everything, for who watches over the service.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Census {
+    /// Sweeps by state; a state that none is in is missing.
+    pub sweeps: BTreeMap<String, u64>,
+    /// Jobs by state as the sweeps list them: one that two list counts twice.
+    pub jobs: BTreeMap<String, u64>,
+    /// Workers that were heard of within a lease.
+    pub workers_live: u64,
+    /// Results that differ from the one on record.
+    pub incidents: u64,
+    /// The database's file \[bytes\].
+    pub database_bytes: u64,
+    /// The write-ahead log beside it \[bytes\].
+    pub wal_bytes: u64,
+}

@@ -20,9 +20,10 @@ use tokio_util::sync::CancellationToken;
 use crate::batch::{Answers, Batch, Command};
 use crate::config::Config;
 use crate::error::StoreError;
+use crate::figures::Figures;
 use crate::rate::Rates;
 use crate::store::tally::Tally;
-use crate::store::{Store, claim, expiry, renew, result, submit, worker};
+use crate::store::{Store, census, claim, expiry, renew, result, submit, worker};
 use errands::Errands;
 
 /// At most this many commands share a transaction.
@@ -35,12 +36,19 @@ pub(crate) struct Writer {
     store: Store,
     config: Config,
     rates: Arc<Rates>,
+    figures: Arc<Figures>,
     bell: watch::Sender<u64>,
 }
 
 impl Writer {
-    pub(crate) fn new(store: Store, config: Config, rates: Arc<Rates>, bell: watch::Sender<u64>) -> Self {
-        Self { store, config, rates, bell }
+    pub(crate) fn new(
+        store: Store,
+        config: Config,
+        rates: Arc<Rates>,
+        figures: Arc<Figures>,
+        bell: watch::Sender<u64>,
+    ) -> Self {
+        Self { store, config, rates, figures, bell }
     }
 
     /// Serves the queue until nobody can ask any more or `stop`; then empties it and closes the database.
@@ -107,9 +115,11 @@ impl Writer {
     }
 
     async fn commit(&self, batch: &Batch) -> Result<Answers, StoreError> {
+        let begun = Instant::now();
         let mut transaction = self.store.writer().begin_with("begin immediate").await?;
         let answers = self.apply(&mut transaction, batch).await?;
         transaction.commit().await?;
+        self.figures.commits.observe(begun.elapsed());
         Ok(answers)
     }
 
@@ -132,6 +142,9 @@ impl Writer {
         }
         let expired = self.expire(conn, batch, engine_id, now_ms, &mut answers.tally).await?;
         answers.tally.write(conn, now_ms).await?;
+        if !batch.beats.is_empty() {
+            census::beat(conn, now_ms).await?;
+        }
         for (sweep, _) in &batch.submissions {
             answers.submissions.push(submit::submit(conn, sweep, engine_id, now_ms).await?);
         }
@@ -192,6 +205,7 @@ impl Writer {
 
     fn publish(&self, batch: Batch, answers: Answers) {
         let now_ms = self.config.clock.now_ms();
+        self.figures.count_recorded(&answers.results);
         for (sweep, results) in answers.tally.recorded() {
             self.rates.count(sweep, results, now_ms);
         }

@@ -3,6 +3,7 @@
 mod client;
 mod control;
 pub mod error;
+mod http_options;
 mod job;
 mod output;
 mod plans;
@@ -14,6 +15,7 @@ mod status;
 mod stop;
 mod submit;
 mod table;
+mod token;
 mod watch;
 mod work;
 
@@ -52,6 +54,7 @@ enum Command {
     Retry(control::RetryArgs),
     Table(table::TableArgs),
     Job(job::JobArgs),
+    Token(token::TokenArgs),
 }
 
 impl Command {
@@ -77,6 +80,7 @@ impl Command {
             Self::Retry(args) => control::retry(args).await,
             Self::Table(args) => table::run(args).await,
             Self::Job(args) => job::run(args).await,
+            Self::Token(args) => token::run(args).await,
         }
     }
 }
@@ -107,6 +111,7 @@ fn execute(command: Command) -> Result<(), CliError> {
     let filter = EnvFilter::try_from_env("FURROW_LOG").unwrap_or_else(|_| EnvFilter::new(command.default_log()));
     let colours = std::io::stderr().is_terminal();
     tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours).init();
+    crate::http::tls::provide();
     let runtime = tokio::runtime::Runtime::new().map_err(CliError::failed("cannot start"))?;
     let ended = runtime.block_on(command.execute());
     // Blocking work that nobody waits for any more must not hold the process.
@@ -156,6 +161,13 @@ mod tests {
             "furrow retry 3",
             "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
             "furrow job 12 --svg out.svg --json",
+            "furrow serve --db x.db --http 0.0.0.0:8080 --http-name furrow.example --http-rate 50",
+            "furrow serve --db x.db --http 0.0.0.0:8080 --http-cert cert.pem --http-key key.pem",
+            "furrow serve --db x.db --http 0.0.0.0:8080 --http-plain",
+            "furrow status --url https://furrow.example:8080 --ca cert.pem --token-file token",
+            "furrow token create --name laptop --scope read,submit --expires 90d --db x.db",
+            "furrow token list --db x.db --json",
+            "furrow token revoke laptop --db x.db",
         ] {
             parse(line).unwrap_or_else(|error| panic!("{line}: {error}"));
         }

@@ -3,12 +3,13 @@
 //! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `control` pauses, cancels
 //! and retries it, `removal` takes it out, and `settle` brings its jobs in line; `job`,
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
-//! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
-//! table each. Statements are constants with a sentence each; a test prepares all of them.
+//! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario`, `incident` and `token` are a
+//! table each; `census` counts. Statements are constants with a sentence each; a test prepares all of them.
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
 
 pub(crate) mod cell;
+pub(crate) mod census;
 pub(crate) mod claim;
 pub(crate) mod control;
 pub(crate) mod expiry;
@@ -27,6 +28,7 @@ pub(crate) mod settle;
 pub(crate) mod submit;
 pub(crate) mod sweep;
 pub(crate) mod tally;
+pub(crate) mod token;
 pub(crate) mod transition;
 pub(crate) mod values;
 pub(crate) mod worker;
@@ -106,6 +108,11 @@ impl Store {
     }
 }
 
+/// One connection to the file at `path`, beside whoever else uses it: nothing is created or migrated.
+pub(crate) async fn open_beside(path: &Path) -> Result<SqliteConnection, StoreError> {
+    open::beside(path).await
+}
+
 /// The name that the first migration drew.
 const COORDINATOR_ID: &str = "select id from coordinator";
 
@@ -168,6 +175,7 @@ mod tests {
         let all = [
             own,
             cell::STATEMENTS,
+            census::STATEMENTS,
             claim::STATEMENTS,
             control::STATEMENTS,
             expiry::STATEMENTS,
@@ -183,6 +191,7 @@ mod tests {
             submit::STATEMENTS,
             sweep::STATEMENTS,
             tally::STATEMENTS,
+            token::STATEMENTS,
             transition::STATEMENTS,
             values::STATEMENTS,
             worker::STATEMENTS,

@@ -5,6 +5,8 @@
 //! broke off is removed.
 
 use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
+use std::time::Instant;
 
 use furrow_schema::id::SweepId;
 use furrow_schema::sweep::{NewSweep, Submitted};
@@ -13,6 +15,7 @@ use sqlx::{Sqlite, Transaction};
 use super::Writer;
 use crate::batch::{Batch, Errand, Outcome};
 use crate::error::StoreError;
+use crate::figures::Figures;
 use crate::store::control::{self, Begun, Control, Stepped};
 use crate::store::submit::Expansion;
 use crate::store::{removal, submit};
@@ -175,6 +178,8 @@ fn not_written(error: &StoreError) -> StoreError {
 
 /// A transaction of its own.
 struct Step {
+    begun: Instant,
+    figures: Arc<Figures>,
     transaction: Transaction<'static, Sqlite>,
     engine_id: i64,
     now_ms: i64,
@@ -182,13 +187,16 @@ struct Step {
 
 impl Step {
     async fn begin(writer: &Writer) -> Result<Self, StoreError> {
+        let (begun, figures) = (Instant::now(), writer.figures.clone());
         let mut transaction = writer.store.writer().begin_with("begin immediate").await?;
         let engine_id = crate::store::engine_id(&mut transaction, writer.config.engine).await?;
-        Ok(Self { transaction, engine_id, now_ms: writer.config.clock.now_ms() })
+        Ok(Self { begun, figures, transaction, engine_id, now_ms: writer.config.clock.now_ms() })
     }
 
     async fn commit(self) -> Result<(), StoreError> {
-        Ok(self.transaction.commit().await?)
+        self.transaction.commit().await?;
+        self.figures.commits.observe(self.begun.elapsed());
+        Ok(())
     }
 }
 

@@ -8,10 +8,12 @@
 mod bad_input;
 mod bad_requests;
 mod control;
+mod deploy;
 mod plan;
 mod process;
 mod same_bits;
 mod server;
 mod stopping;
 mod survival;
+mod tokens;
 mod use_of_results;

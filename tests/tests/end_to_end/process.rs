@@ -34,7 +34,14 @@ fn program() -> PathBuf {
 /// `furrow` with these arguments, without standard input, killed when dropped.
 fn furrow(args: &[&str]) -> Command {
     let mut command = Command::new(program());
-    command.args(args).env_remove("FURROW_LOG").env_remove("RUST_BACKTRACE").stdin(Stdio::null()).kill_on_drop(true);
+    command
+        .args(args)
+        .env_remove("FURROW_LOG")
+        .env_remove("FURROW_TOKEN")
+        .env_remove("FURROW_CA")
+        .env_remove("RUST_BACKTRACE")
+        .stdin(Stdio::null())
+        .kill_on_drop(true);
     // The user's own state is left alone.
     command.env("XDG_STATE_HOME", env!("CARGO_TARGET_TMPDIR"));
     command
@@ -52,6 +59,11 @@ impl Running {
         let (file, log): (File, TempPath) = tempfile::NamedTempFile::new().unwrap().into_parts();
         let child = furrow(args).stdout(Stdio::piped()).stderr(file).spawn().expect("furrow can be started");
         Self { child, log }
+    }
+
+    /// What it logged so far.
+    pub(crate) fn log(&self) -> String {
+        fs::read_to_string(&self.log).unwrap()
     }
 
     /// Asks the process to end, as a service manager does, and waits until it has.
@@ -77,7 +89,12 @@ impl Drop for Running {
 
 /// Runs `furrow` to its end.
 pub(crate) async fn finished(args: &[&str]) -> Finished {
-    let output = timeout(PATIENCE, furrow(args).output()).await;
+    finished_with(args, &[]).await
+}
+
+/// The same, in an environment with these variables, too.
+pub(crate) async fn finished_with(args: &[&str], env: &[(&str, &str)]) -> Finished {
+    let output = timeout(PATIENCE, furrow(args).envs(env.iter().copied()).output()).await;
     let output = output.unwrap_or_else(|_| panic!("furrow {args:?} hangs")).expect("furrow can be started");
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("furrow writes UTF-8");
     let finished = Finished { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) };
