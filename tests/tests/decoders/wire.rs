@@ -96,7 +96,8 @@ proptest! {
     fn a_coordinator_answers_any_spoiled_question(
         (method, bytes) in any_method().prop_flat_map(|method| (Just(method), spoiled(question(method))))
     ) {
-        let answer = RUNTIME.block_on(async { timeout(ANSWERS_WITHIN, COORDINATOR.handle(method, &bytes)).await });
+        let coordinator = &*COORDINATOR;
+        let answer = RUNTIME.block_on(async { timeout(ANSWERS_WITHIN, coordinator.handle(method, &bytes)).await });
         let reply: Value = serde_json::from_slice(&answer.expect("it hangs")).unwrap();
         prop_assert!(reply.is_object(), "{reply}");
         prop_assert_ne!(&reply["refused"]["reason"], "unavailable", "a question must not reach the database like this");
