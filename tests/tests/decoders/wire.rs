@@ -4,6 +4,7 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use furrow_coordinator::{Config, Coordinator, Store};
+use furrow_schema::job::Timings;
 use furrow_schema::protocol::{
     Call, Claim, Hello, Leases, Method, Recorded, Refusal, Renew, Renewed, Reply, Report, RunReport, Welcome,
 };
@@ -34,7 +35,7 @@ fn question(method: Method) -> Value {
     let engine = furrow_api::engine();
     let record = json!({
         "digest": "00".repeat(32), "outcome": "success", "metrics": {"success": 1.0, "mean_squared_error_mm2": 3.5},
-        "timings": {"wall_ms": 5.0, "metrics": {}, "cpu_model": "any", "load": 0.5, "parts": []}, "trajectory": "00ff"
+        "timings": Timings::default(), "trajectory": "00ff"
     });
     let body = match method {
         Method::Hello => json!({"name": "barn", "engine": engine, "threads": 2}),
