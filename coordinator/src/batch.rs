@@ -36,6 +36,8 @@ pub(crate) enum Command {
     Submit(Box<NewSweep>, Outcome<Submitted>),
     KeepHouse(Outcome<()>),
     Absence(Absence, Outcome<Option<i64>>),
+    /// Changes nothing but the mark that something can be changed.
+    Beat(Outcome<()>),
     /// Takes as many transactions as it needs, and shares none.
     Errand(Errand),
 }
@@ -67,6 +69,7 @@ pub(crate) struct Batch {
     pub(crate) renewals: Vec<(Call<Renew>, Answer<Renewed>)>,
     pub(crate) housekeeping: Vec<Outcome<()>>,
     pub(crate) absences: Vec<(Absence, Outcome<Option<i64>>)>,
+    pub(crate) beats: Vec<Outcome<()>>,
     pub(crate) submissions: Vec<(Box<NewSweep>, Outcome<Submitted>)>,
     pub(crate) claims: Vec<(Call<Claim>, Answer<Leases>)>,
     /// Not of this transaction.
@@ -101,13 +104,14 @@ impl Batch {
             Command::Submit(sweep, answer) => self.submissions.push((sweep, answer)),
             Command::KeepHouse(answer) => self.housekeeping.push(answer),
             Command::Absence(absence, answer) => self.absences.push((absence, answer)),
+            Command::Beat(answer) => self.beats.push(answer),
             Command::Errand(errand) => self.errands.push(errand),
         }
     }
 
     pub(crate) fn len(&self) -> usize {
         let of_workers = self.hellos.len() + self.results.len() + self.renewals.len() + self.claims.len();
-        let of_time = self.housekeeping.len() + self.absences.len();
+        let of_time = self.housekeeping.len() + self.absences.len() + self.beats.len();
         of_workers + self.admissions.len() + of_time + self.submissions.len()
     }
 
@@ -149,9 +153,10 @@ impl Batch {
         let renewals = self.renewals.into_iter().map(|(call, answer)| Command::Renew(call, answer));
         let housekeeping = self.housekeeping.into_iter().map(Command::KeepHouse);
         let absences = self.absences.into_iter().map(|(absence, answer)| Command::Absence(absence, answer));
+        let beats = self.beats.into_iter().map(Command::Beat);
         let submissions = self.submissions.into_iter().map(|(sweep, answer)| Command::Submit(sweep, answer));
         let claims = self.claims.into_iter().map(|(call, answer)| Command::Claim(call, answer));
-        let (admitted, of_time) = (admissions.chain(hellos), housekeeping.chain(absences));
+        let (admitted, of_time) = (admissions.chain(hellos), housekeeping.chain(absences).chain(beats));
         admitted.chain(results).chain(renewals).chain(of_time).chain(submissions).chain(claims)
     }
 
@@ -177,7 +182,7 @@ impl Batch {
         send(self.absences, answers.absences);
         send(self.submissions, answers.submissions);
         send(self.claims, answers.claims);
-        for to in self.housekeeping {
+        for to in self.housekeeping.into_iter().chain(self.beats) {
             let _ = to.send(Ok(()));
         }
     }
@@ -199,7 +204,7 @@ impl Batch {
                 Command::Result(_, to) => unavailable(to, &detail),
                 Command::Renew(_, to) => unavailable(to, &detail),
                 Command::Submit(_, to) => _ = to.send(Err(not_written())),
-                Command::KeepHouse(to) => _ = to.send(Err(not_written())),
+                Command::KeepHouse(to) | Command::Beat(to) => _ = to.send(Err(not_written())),
                 Command::Absence(_, to) => _ = to.send(Err(not_written())),
                 Command::Errand(_) => {}
             }

@@ -12,13 +12,15 @@ use tokio_util::sync::CancellationToken;
 use crate::batch::{Absence, Admission, Command, Errand};
 use crate::config::Config;
 use crate::error::StoreError;
+use crate::figures::Figures;
 use crate::store::admission::{Admitted, Request};
 use crate::store::control::Control;
 use crate::store::worker::Newcomers;
-use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, verification, worker};
+use crate::store::{Store, cell, census, incident, job, runs, submit, sweep, token, values, verification, worker};
+use crate::token::{Secret, TokenInfo};
 use crate::validate;
 use crate::view::{
-    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange,
+    CellSummary, CellValues, Census, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange,
     VerificationCounts, WorkerChange, WorkerInfo,
 };
 use crate::writer;
@@ -38,6 +40,7 @@ struct Shared {
     config: Config,
     commands: mpsc::Sender<Command>,
     rates: writer::WriterRates,
+    figures: Arc<Figures>,
     changed: watch::Receiver<u64>,
     work: watch::Receiver<u64>,
     stop: CancellationToken,
@@ -55,12 +58,13 @@ impl Coordinator {
         let ((changes, changed), (hints, work)) = (watch::channel(0), watch::channel(0));
         let bells = writer::Bells { changed: changes, work: hints };
         let rates = writer::WriterRates::starting_at(config.clock.now_ms());
+        let figures = Arc::new(Figures::default());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
-        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bells);
+        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), figures.clone(), bells);
         tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
         let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
         tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, work, stop, stopped }) }
+        Self { shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped }) }
     }
 
     /// A coordinator that answers what is asked of a store opened to read, beside the one that changes it. All else is
@@ -73,9 +77,10 @@ impl Coordinator {
         // Nobody receives what is sent into this queue, or rings these bells.
         let ((commands, _), (_, changed), (_, work)) = (mpsc::channel(1), watch::channel(0), watch::channel(0));
         let rates = writer::WriterRates::starting_at(config.clock.now_ms());
+        let figures = Arc::new(Figures::default());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
         tokio::spawn(close_when_asked(store.clone(), stop.clone(), stopped.clone()));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, work, stop, stopped }) }
+        Self { shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped }) }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.
@@ -358,6 +363,47 @@ impl Coordinator {
     pub async fn allow(&self, worker: WorkerId) -> Result<bool, StoreError> {
         let (answer, answered) = oneshot::channel();
         self.send(Command::Errand(Errand::Allow(worker, answer))).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
+    /// The valid token that was sent; none if there is no such token, or it is expired or revoked.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn token(&self, sent: &Secret) -> Result<Option<TokenInfo>, StoreError> {
+        let now_ms = self.shared.config.clock.now_ms();
+        Ok(token::find(&self.shared.store, &sent.hash()).await?.filter(|token| token.is_valid(now_ms)))
+    }
+
+    /// Notes that a token was used, to the minute.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`]: it was not noted, which harms nothing.
+    pub async fn note_use(&self, token: &TokenInfo) -> Result<(), StoreError> {
+        token::used(&self.shared.store, token, self.shared.config.clock.now_ms()).await
+    }
+
+    /// How much there is of everything.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn census(&self) -> Result<Census, StoreError> {
+        census::take(&self.shared.store, self.shared.config.clock.now_ms()).await
+    }
+
+    /// What the writer did since it was started.
+    #[must_use]
+    pub fn figures(&self) -> &Figures {
+        &self.shared.figures
+    }
+
+    /// Has the writer write and commit a mark: proof that it answers and that the disk takes what it writes.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`].
+    pub async fn beat(&self) -> Result<(), StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Beat(answer)).await?;
         answered.await.map_err(|_| StoreError::Closed)?
     }
 

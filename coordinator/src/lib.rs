@@ -8,7 +8,7 @@
 //! what [`authority`] signs. [`view`] is what users get to see.
 //!
 //! A worker in the same process calls the coordinator's methods, one elsewhere sends the same questions as
-//! JSON: there is no other difference.
+//! JSON: there is no other difference. [`token`] says who may ask over HTTP, [`figures`] what the writer did.
 
 pub mod authority;
 mod batch;
@@ -16,11 +16,13 @@ pub mod config;
 pub mod coordinator;
 pub mod error;
 pub mod exact_sum;
+pub mod figures;
 pub mod gate;
 pub mod moments;
 mod rate;
 mod security;
 pub mod store;
+pub mod token;
 mod validate;
 pub mod view;
 pub mod wire;
@@ -39,7 +41,7 @@ pub use gate::Gate;
 pub use store::admission::SecretTerms;
 pub use store::{Backup, Store};
 pub use view::{
-    Attempt, AttemptEnd, Bar, CellSummary, CellValues, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem,
-    JobPage, JobRef, JobResult, KeyPrefix, Opinion, RunValue, SweepChange, Verification, VerificationCounts,
+    Attempt, AttemptEnd, Bar, CellSummary, CellValues, Census, Incident, JobCell, JobCursor, JobDetail, JobFilter,
+    JobItem, JobPage, JobRef, JobResult, KeyPrefix, Opinion, RunValue, SweepChange, Verification, VerificationCounts,
     VerificationState, WorkerChange, WorkerInfo,
 };

@@ -517,3 +517,20 @@ pub struct Bar {
     /// What speaks against it.
     pub reason: String,
 }
+
+/// How much there is of everything, for who watches over the service.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Census {
+    /// Sweeps by state; a state that none is in is missing.
+    pub sweeps: BTreeMap<String, u64>,
+    /// Jobs by state as the sweeps list them: one that two list counts twice.
+    pub jobs: BTreeMap<String, u64>,
+    /// Workers that were heard of within a lease.
+    pub workers_live: u64,
+    /// Results that differ from the one on record.
+    pub incidents: u64,
+    /// The database's file \[bytes\].
+    pub database_bytes: u64,
+    /// The write-ahead log beside it \[bytes\].
+    pub wal_bytes: u64,
+}

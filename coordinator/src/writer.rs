@@ -23,11 +23,12 @@ use tokio_util::sync::CancellationToken;
 use crate::batch::{Answers, Batch, Command};
 use crate::config::{Config, Verify};
 use crate::error::StoreError;
+use crate::figures::Figures;
 use crate::rate::Rates;
 use crate::store::claim::Terms;
 use crate::store::result::Aftermath;
 use crate::store::tally::Tally;
-use crate::store::{Store, admission, claim, expiry, renew, result, submit, verification, worker};
+use crate::store::{Store, admission, census, claim, expiry, renew, result, submit, verification, worker};
 use errands::Errands;
 use heard::Heard;
 use outage::Outage;
@@ -42,6 +43,7 @@ pub(crate) struct Writer {
     store: Store,
     config: Config,
     rates: WriterRates,
+    figures: Arc<Figures>,
     bells: Bells,
     heard: Heard,
     outage: Outage,
@@ -72,8 +74,8 @@ pub(crate) struct Bells {
 }
 
 impl Writer {
-    pub(crate) fn new(store: Store, config: Config, rates: WriterRates, bells: Bells) -> Self {
-        Self { store, config, rates, bells, heard: Heard::default(), outage: Outage::default() }
+    pub(crate) fn new(store: Store, config: Config, rates: WriterRates, figures: Arc<Figures>, bells: Bells) -> Self {
+        Self { store, config, rates, figures, bells, heard: Heard::default(), outage: Outage::default() }
     }
 
     /// Serves the queue until nobody can ask any more or `stop`; then empties it and closes the database.
@@ -152,9 +154,12 @@ impl Writer {
     }
 
     async fn commit(&self, batch: &Batch) -> Result<Answers, StoreError> {
+        let begun = Instant::now();
         let mut transaction = self.store.begin().await?;
         let applied = self.apply(&mut transaction, batch).await;
-        self.store.end(transaction, applied).await
+        let answers = self.store.end(transaction, applied).await?;
+        self.figures.commits.observe(begun.elapsed());
+        Ok(answers)
     }
 
     fn refuse(&self, batch: Batch, error: &StoreError) {
@@ -188,6 +193,9 @@ impl Writer {
         }
         let ended = self.expire(conn, batch, engine_id, now_ms, &mut answers).await?;
         answers.tally.write(conn, now_ms).await?;
+        if !batch.beats.is_empty() {
+            census::beat(conn, now_ms).await?;
+        }
         for (sweep, _) in &batch.submissions {
             answers.submissions.push(submit::submit(conn, sweep, engine_id, now_ms).await?);
         }
@@ -280,6 +288,7 @@ impl Writer {
 
     fn publish(&self, batch: Batch, answers: Answers) {
         let now_ms = self.config.clock.now_ms();
+        self.figures.count_recorded(&answers.results);
         for (sweep, results) in answers.tally.recorded() {
             self.rates.sweeps.count(sweep, results, now_ms);
         }

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use furrow_coordinator::token::Secret;
 use furrow_coordinator::{Config, Coordinator, Store};
 use reqwest::{Method, RequestBuilder, Response, Url};
 use serde::Serialize;
@@ -15,7 +16,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::error::CliError;
 use crate::http::problem::{MEDIA_TYPE, Problem};
-use crate::http::{self, App};
+use crate::http::{self, App, tls};
 
 const CONNECT_WITHIN: Duration = Duration::from_secs(5);
 
@@ -25,9 +26,45 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(75);
 /// Where the server is.
 #[derive(Debug, clap::Args)]
 pub(super) struct Server {
-    /// The server's address
+    /// The server's address; https:// for one on another machine
     #[arg(long, env = "FURROW_URL", value_name = "URL", default_value = "http://127.0.0.1:8080")]
     url: String,
+    /// Trust servers by this certificate, or by those that this authority signed (PEM), instead of the system's
+    #[arg(long, env = "FURROW_CA", value_name = "FILE")]
+    ca: Option<PathBuf>,
+    /// Send the token in this file, which not everybody on this machine may read. Without it FURROW_TOKEN is sent, if set
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+}
+
+impl Server {
+    fn at(url: String) -> Self {
+        Self { url, ca: None, token_file: None }
+    }
+
+    fn token(&self) -> Result<Option<Secret>, CliError> {
+        let (source, text) = match &self.token_file {
+            Some(file) => {
+                let source = format!("--token-file {}", file.display());
+                tls::check_private(file).map_err(CliError::bad_input(&source))?;
+                (source.clone(), std::fs::read_to_string(file).map_err(CliError::bad_input(source))?)
+            }
+            None => match std::env::var("FURROW_TOKEN") {
+                Ok(text) => ("FURROW_TOKEN".to_owned(), text),
+                Err(_) => return Ok(None),
+            },
+        };
+        let none = || CliError::BadInput(format!("{source}: expected a token as `furrow token create` prints it"));
+        Secret::parse(text.trim()).map(Some).ok_or_else(none)
+    }
+
+    fn certificates(&self) -> Result<Option<Vec<reqwest::Certificate>>, CliError> {
+        let Some(file) = &self.ca else { return Ok(None) };
+        let key = format!("--ca {}", file.display());
+        let pem = std::fs::read(file).map_err(CliError::bad_input(&key))?;
+        let found = reqwest::Certificate::from_pem_bundle(&pem).map_err(CliError::bad_input(&key))?;
+        if found.is_empty() { Err(CliError::BadInput(format!("{key}: holds no certificate"))) } else { Ok(Some(found)) }
+    }
 }
 
 /// Where the sweeps and their results are.
@@ -44,6 +81,7 @@ pub(super) struct Source {
 pub(super) struct Client {
     http: reqwest::Client,
     base: Url,
+    token: Option<Secret>,
     local: Option<Local>,
 }
 
@@ -55,15 +93,29 @@ struct Local {
 
 impl Client {
     /// # Errors
-    /// Bad input: the address is no `http://` address.
+    /// Bad input: the address is no `http://` or `https://` address, certificate or token cannot be used, or the token
+    /// would cross the network in the clear.
     pub(super) fn new(server: &Server) -> Result<Self, CliError> {
+        Self::with_token(server, server.token()?)
+    }
+
+    fn with_token(server: &Server, token: Option<Secret>) -> Result<Self, CliError> {
         let base = Url::parse(&server.url).map_err(CliError::bad_input(format_args!("--url {}", server.url)))?;
-        if base.scheme() != "http" || base.host().is_none() {
-            let text = format!("--url {}: expected http://HOST:PORT", server.url);
-            return Err(CliError::BadInput(text));
+        let refuse = |reason: &str| CliError::BadInput(format!("--url {}: {reason}", server.url));
+        if !matches!(base.scheme(), "http" | "https") || base.host().is_none() {
+            return Err(refuse("expected http://HOST:PORT or https://HOST:PORT"));
         }
-        let http = reqwest::Client::builder().no_proxy().connect_timeout(CONNECT_WITHIN).timeout(ANSWER_WITHIN);
-        Ok(Self { http: http.build().map_err(CliError::failed("cannot set up HTTP"))?, base, local: None })
+        if token.is_some() && base.scheme() == "http" && !is_this_machine(&base) {
+            return Err(refuse("a token must not cross the network in the clear: expected https://HOST:PORT"));
+        }
+        tls::provide();
+        let http = reqwest::Client::builder().no_proxy().redirect(reqwest::redirect::Policy::none());
+        let http = http.connect_timeout(CONNECT_WITHIN).timeout(ANSWER_WITHIN);
+        // The system's certificates are not needed in the clear, and not every system has any.
+        let trusted = server.certificates()?.or_else(|| (base.scheme() == "http").then(Vec::new));
+        let http = if let Some(trusted) = trusted { http.tls_certs_only(trusted) } else { http };
+        let http = http.build().map_err(CliError::failed("cannot set up HTTP"))?;
+        Ok(Self { http, base, token, local: None })
     }
 
     /// The way to what is only read.
@@ -93,7 +145,7 @@ impl Client {
         let stop = CancellationToken::new();
         tokio::spawn(http::serve(listener, App::new(coordinator.clone()), stop.clone()));
         let local = Some(Local { coordinator, _stop: stop.drop_guard() });
-        Ok(Self { local, ..Self::new(&Server { url })? })
+        Ok(Self { local, ..Self::with_token(&Server::at(url), None)? })
     }
 
     /// Closes the database, if there is one.
@@ -165,7 +217,8 @@ impl Client {
         if !query.is_empty() {
             url.query_pairs_mut().extend_pairs(query);
         }
-        self.http.request(method, url)
+        let request = self.http.request(method, url);
+        if let Some(token) = &self.token { request.bearer_auth(token.reveal()) } else { request }
     }
 
     async fn send(&self, request: RequestBuilder) -> Result<Response, CliError> {
@@ -179,6 +232,11 @@ impl Client {
 fn existing(file: &Path) -> Result<&Path, CliError> {
     let missing = || CliError::BadInput(format!("--db {}: there is no such file", file.display()));
     if file.exists() { Ok(file) } else { Err(missing()) }
+}
+
+fn is_this_machine(url: &Url) -> bool {
+    let name = url.host_str().unwrap_or_default().trim_start_matches('[').trim_end_matches(']');
+    name == "localhost" || name.parse::<std::net::IpAddr>().is_ok_and(|address| address.to_canonical().is_loopback())
 }
 
 async fn read<T: DeserializeOwned>(response: Response) -> Result<T, CliError> {
@@ -211,14 +269,50 @@ mod tests {
     use super::*;
 
     fn client(url: &str) -> Result<Client, CliError> {
-        Client::new(&Server { url: url.to_owned() })
+        Client::with_token(&Server::at(url.to_owned()), None)
     }
 
     #[test]
     fn an_address_that_is_none_is_bad_input() {
-        for bad in ["nonsense", "https://host", "ftp://host", "http://"] {
+        for bad in ["nonsense", "ftp://host", "http://", "https://"] {
             assert_eq!(client(bad).err().map(|error| error.exit_code()), Some(2), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_token_leaves_this_machine_encrypted_only() {
+        let with_token = |url: &str| Client::with_token(&Server::at(url.to_owned()), Some(Secret::random()));
+        for good in ["https://furrow.example", "http://localhost:8080", "http://127.0.0.1:1", "http://[::1]:1"] {
+            assert!(with_token(good).is_ok(), "{good}");
+        }
+        for bad in ["http://furrow.example", "http://192.0.2.1:8080", "http://localhost.example"] {
+            let error = with_token(bad).err().expect(bad);
+            assert!(error.to_string().contains("in the clear"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_token_file_is_private_and_holds_a_token() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("token");
+        let server = Server { token_file: Some(file.clone()), ..Server::at("https://host".to_owned()) };
+        let refusal = |word: &str| {
+            let error = server.token().unwrap_err();
+            assert!(error.exit_code() == 2 && error.to_string().contains(word), "{error}");
+        };
+        refusal("token");
+        let write = |text: &str, mode: u32| {
+            use std::os::unix::fs::PermissionsExt;
+            std::fs::write(&file, text).unwrap();
+            std::fs::set_permissions(&file, std::fs::Permissions::from_mode(mode)).unwrap();
+        };
+        let secret = Secret::random();
+        write(&format!("{}\n", secret.reveal()), 0o644);
+        refusal("everybody");
+        write("hunter2", 0o600);
+        refusal("furrow token create");
+        write(&format!("{}\n", secret.reveal()), 0o600);
+        assert_eq!(server.token().unwrap().unwrap().reveal(), secret.reveal());
     }
 
     #[test]

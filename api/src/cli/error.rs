@@ -46,7 +46,7 @@ impl CliError {
         match self {
             Self::OutputClosed => 0,
             Self::BadInput(_) => 2,
-            Self::Refused(problem) if problem.status < 500 => 2,
+            Self::Refused(problem) if problem.status < 500 && problem.status != 429 => 2,
             Self::Refused(_) | Self::Unreachable { .. } | Self::JobsFailed(_) | Self::Stopped | Self::Failed(_) => 1,
         }
     }

@@ -5,6 +5,7 @@ mod bench;
 mod client;
 mod control;
 pub mod error;
+mod http_options;
 mod job;
 mod join;
 mod lan;
@@ -19,6 +20,7 @@ mod stop;
 mod submit;
 mod table;
 mod time;
+mod token;
 mod watch;
 mod work;
 mod workers;
@@ -62,6 +64,7 @@ enum Command {
     Job(job::JobArgs),
     Bench(bench::BenchArgs),
     Backup(backup::BackupArgs),
+    Token(token::TokenArgs),
 }
 
 impl Command {
@@ -91,6 +94,7 @@ impl Command {
             Self::Job(args) => job::run(args).await,
             Self::Bench(args) => bench::run(args).await,
             Self::Backup(args) => backup::run(args).await,
+            Self::Token(args) => token::run(args).await,
         }
     }
 }
@@ -121,6 +125,7 @@ fn execute(command: Command) -> Result<(), CliError> {
     let filter = EnvFilter::try_from_env("FURROW_LOG").unwrap_or_else(|_| EnvFilter::new(command.default_log()));
     let colours = std::io::stderr().is_terminal();
     tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours).init();
+    crate::http::tls::provide();
     let runtime = tokio::runtime::Runtime::new().map_err(CliError::failed("cannot start"))?;
     let ended = runtime.block_on(command.execute());
     // Blocking work that nobody waits for any more must not hold the process.
@@ -183,6 +188,13 @@ mod tests {
             "furrow bench queue --one-by-one 8",
             "furrow submit guyonneau2022/bounds --db x.db",
             "furrow backup --db x.db --to y.db --json",
+            "furrow serve --db x.db --http 0.0.0.0:8080 --http-name furrow.example --http-rate 50",
+            "furrow serve --db x.db --http 0.0.0.0:8080 --http-cert cert.pem --http-key key.pem",
+            "furrow serve --db x.db --http 0.0.0.0:8080 --http-plain",
+            "furrow status --url https://furrow.example:8080 --ca cert.pem --token-file token",
+            "furrow token create --name laptop --scope read,submit --expires 90d --db x.db",
+            "furrow token list --db x.db --json",
+            "furrow token revoke laptop --db x.db",
         ] {
             parse(line).unwrap_or_else(|error| panic!("{line}: {error}"));
         }

@@ -10,6 +10,7 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 use super::error::CliError;
+use super::http_options::{Front, HttpOptions};
 use super::{lan, output, stop};
 use crate::http::{self, App};
 use crate::in_process::Farm;
@@ -23,9 +24,8 @@ pub(super) struct ServeArgs {
     /// The database; made if it is not there
     #[arg(long, value_name = "FILE")]
     db: PathBuf,
-    /// Where users connect: an address of this machine; port 0 takes a free one
-    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
-    http: SocketAddr,
+    #[command(flatten)]
+    http: HttpOptions,
     /// Where workers connect: tcp/127.0.0.1:0 if not given, which workers on this machine find by themselves (port 0 is any
     /// free one); with --lan quic/0.0.0.0:7447, all addresses of this machine
     #[arg(long, value_name = "ENDPOINT")]
@@ -55,19 +55,22 @@ pub(super) fn share(text: &str) -> Result<f64, String> {
 /// # Errors
 /// Bad input: an address that is taken or not of this machine, a database that cannot be used.
 pub(super) async fn run(args: ServeArgs) -> Result<(), CliError> {
-    let listener = listen(args.http).await?;
+    let listener = listen(args.http.address).await?;
     let stop = stop::on_signals()?;
     let leases_hold_for = Config::WORKERS_ARE_BACK_WITHIN;
     let (max_attempts, verify) = (args.max_attempts, Verify::share(args.verify));
     let config = Config { max_attempts, leases_hold_for, verify, ..Config::new(crate::engine()) };
     let mut workers = ZenohConfig { local_network: args.lan.network(&args.db, &config)?, ..ZenohConfig::default() };
     workers.listen = vec![args.zenoh.unwrap_or_else(|| args.lan.default_endpoint().to_owned())];
-    let farm = Farm::start(open(&args.db).await?, config, args.threads as usize);
-    serve(listener, workers, &args.lan, farm, stop).await
+    let store = open(&args.db).await?;
+    let front = args.http.front(&args.db)?;
+    let farm = Farm::start(store, config, args.threads as usize);
+    serve(listener, front, workers, &args.lan, farm, stop).await
 }
 
 async fn serve(
     listener: TcpListener,
+    front: Front,
     config: ZenohConfig,
     lan: &lan::LanArgs,
     mut farm: Farm,
@@ -86,8 +89,8 @@ async fn serve(
         None => Ok(()),
     };
     // A service outlives whoever read its first lines.
-    let _ = announce(&address, service.endpoints());
-    let app = App::new(farm.coordinator().clone()).with_gate(service.gate().cloned());
+    let _ = announce(&address, &front, service.endpoints());
+    let app = App::with_access(farm.coordinator().clone(), front.access).with_gate(service.gate().cloned());
     let ended = tokio::select! {
         biased;
         error = refused(told) => Err(error),
@@ -114,17 +117,17 @@ async fn overdue(stop: &CancellationToken) {
     tokio::time::sleep(FINISH_WITHIN).await;
 }
 
-fn announce(http: &SocketAddr, workers: &[String]) -> Result<(), CliError> {
-    output::line(&format!("listening on http://{http}"))?;
+fn announce(http: &SocketAddr, front: &Front, workers: &[String]) -> Result<(), CliError> {
+    let scheme = if front.access.tls.is_some() { "https" } else { "http" };
+    output::line(&format!("listening on {scheme}://{http}"))?;
+    if let Some((file, fingerprint)) = &front.certificate {
+        output::line(&format!("certificate {}, SHA-256 {fingerprint}", file.display()))?;
+    }
     workers.iter().try_for_each(|endpoint| output::line(&format!("workers connect to {endpoint}")))
 }
 
 async fn listen(address: SocketAddr) -> Result<TcpListener, CliError> {
     let refuse = |reason: String| CliError::BadInput(format!("--http {address}: {reason}"));
-    if !address.ip().is_loopback() {
-        let reason = "serves only this machine for now (127.0.0.1 or [::1]): anyone who reaches it may use it";
-        return Err(refuse(reason.to_owned()));
-    }
     TcpListener::bind(address).await.map_err(|error| refuse(error.to_string()))
 }
 
@@ -141,15 +144,6 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn only_this_machine_is_served() {
-        for address in ["0.0.0.0:0", "192.0.2.1:8080", "[::]:0"] {
-            let error = listen(address.parse().unwrap()).await.unwrap_err();
-            assert_eq!(error.exit_code(), 2);
-            assert!(error.to_string().contains("only this machine"), "{error}");
-        }
-        assert!(listen("127.0.0.1:0".parse().unwrap()).await.is_ok());
-    }
-
     #[test]
     fn a_share_is_a_number_from_0_to_1() {
         assert_eq!(["0", "0.01", "1"].map(|text| share(text).unwrap()), [0.0, 0.01, 1.0]);

@@ -5,7 +5,10 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, Request};
-use axum::http::header::{CONTENT_SECURITY_POLICY, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS};
+use axum::http::header::{
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, REFERRER_POLICY, STRICT_TRANSPORT_SECURITY, X_CONTENT_TYPE_OPTIONS,
+    X_FRAME_OPTIONS,
+};
 use axum::http::{HeaderValue, Method, StatusCode, Uri};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
@@ -20,15 +23,18 @@ pub const BODY_LIMIT: usize = 10 << 20;
 /// A request is given up after this long.
 pub const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Puts limits, problems and headers around `router`.
-pub(super) fn surround(router: Router, timeout: Duration) -> Router {
-    router
-        .fallback(no_route)
-        .method_not_allowed_fallback(no_method)
-        .layer(DefaultBodyLimit::max(BODY_LIMIT))
+/// Puts limits, problems and headers around `router`, and within them what `guard` does; `encrypted` is how it is served.
+pub(super) fn surround(
+    router: Router,
+    timeout: Duration,
+    encrypted: bool,
+    guard: impl FnOnce(Router) -> Router,
+) -> Router {
+    let router = router.fallback(no_route).method_not_allowed_fallback(no_method);
+    guard(router.layer(DefaultBodyLimit::max(BODY_LIMIT)))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(middleware::from_fn(move |request, next| give_up(timeout, request, next)))
-        .layer(middleware::map_response(secured))
+        .layer(middleware::map_response(move |response| secured(response, encrypted)))
         .layer(TraceLayer::new_for_http())
 }
 
@@ -54,13 +60,18 @@ async fn give_up(timeout: Duration, request: Request, next: Next) -> Response {
     }
 }
 
-async fn secured(mut response: Response) -> Response {
+async fn secured(mut response: Response, encrypted: bool) -> Response {
     let headers = response.headers_mut();
     headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     headers.insert(X_FRAME_OPTIONS, HeaderValue::from_static("DENY"));
     headers.insert(REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
     let policy = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'";
     headers.insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy));
+    // What one token opens must not come out of a cache for somebody else.
+    headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    if encrypted {
+        headers.insert(STRICT_TRANSPORT_SECURITY, HeaderValue::from_static("max-age=31536000"));
+    }
     response
 }
 
@@ -78,7 +89,7 @@ mod tests {
             .route("/calm", get(async || "calm"))
             .route("/panic", get(async || -> &'static str { panic!("on purpose") }))
             .route("/slow", get(std::future::pending::<&'static str>));
-        surround(router, timeout)
+        surround(router, timeout, true, |router| router)
     }
 
     async fn status(method: &str, path: &str) -> (u16, String, Option<String>) {
@@ -86,6 +97,8 @@ mod tests {
         let request = Request::builder().method(method).uri(path).body(Body::empty()).unwrap();
         let response = router(timeout).oneshot(request).await.unwrap();
         assert_eq!(response.headers()[X_CONTENT_TYPE_OPTIONS], "nosniff");
+        assert_eq!(response.headers()[CACHE_CONTROL], "no-store");
+        assert_eq!(response.headers()[STRICT_TRANSPORT_SECURITY], "max-age=31536000");
         let text = |name: &str| response.headers().get(name).map(|value| value.to_str().unwrap().to_owned());
         (response.status().as_u16(), text("content-type").unwrap(), text("allow"))
     }

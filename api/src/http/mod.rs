@@ -1,14 +1,20 @@
 //! The HTTP service: a file per resource.
 //!
-//! [`router`] puts the resources together and surrounds them with limits (`layers`); a handler reads the
+//! [`serve`] takes connections (`listen`, with [`tls`]); [`router`] puts the resources together and surrounds them with
+//! limits (`layers`, `heavy`) and the question who may ask ([`access`], with the `limiter`); a handler reads the
 //! request (`extract`), asks the coordinator, and answers; whatever goes wrong is a [`problem`]. The OpenAPI
 //! document at `/openapi.json` is made from the handlers themselves.
 
+pub mod access;
 mod extract;
 pub mod health;
+mod heavy;
 pub mod incidents;
 pub mod jobs;
 mod layers;
+mod limiter;
+mod listen;
+mod metrics;
 mod negotiate;
 pub mod plans;
 pub mod problem;
@@ -18,6 +24,7 @@ mod replays;
 pub mod sweep_control;
 pub mod sweeps;
 pub mod tables;
+pub mod tls;
 pub mod trajectories;
 pub mod workers;
 
@@ -26,15 +33,18 @@ mod tests;
 
 use std::sync::Arc;
 
+use axum::middleware::from_fn_with_state;
 use axum::response::IntoResponse;
 use axum::{Json, Router, routing};
 use furrow_coordinator::{Coordinator, Gate};
-use tokio::net::TcpListener;
-use tokio_util::sync::CancellationToken;
-use utoipa::OpenApi;
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::{Modify, OpenApi};
 use utoipa_axum::router::OpenApiRouter;
 
+pub use access::Access;
 pub use layers::{BODY_LIMIT, TIMEOUT};
+use limiter::Limiter;
+pub use listen::serve;
 use replays::Replays;
 
 /// What the handlers share.
@@ -45,20 +55,33 @@ struct Shared {
     coordinator: Coordinator,
     gate: Option<Gate>,
     replays: Replays,
+    access: Access,
+    limiter: Limiter,
+    requests: metrics::Requests,
+    beat: health::Beat,
 }
 
 impl App {
-    /// The service of `coordinator`.
+    /// The service of `coordinator`, for this machine.
     #[must_use]
     pub fn new(coordinator: Coordinator) -> Self {
-        Self(Arc::new(Shared { coordinator, gate: None, replays: Replays::default() }))
+        Self::with_access(coordinator, Access::default())
+    }
+
+    /// The service of `coordinator`, for those whom `access` lets in.
+    #[must_use]
+    pub fn with_access(coordinator: Coordinator, access: Access) -> Self {
+        let (replays, limiter) = (Replays::default(), Limiter::default());
+        let (requests, beat) = (metrics::Requests::default(), health::Beat::default());
+        Self(Arc::new(Shared { coordinator, gate: None, replays, access, limiter, requests, beat }))
     }
 
     /// The same with who lets workers in, where a local network is served.
     #[must_use]
-    pub fn with_gate(self, gate: Option<Gate>) -> Self {
-        let coordinator = self.coordinator().clone();
-        Self(Arc::new(Shared { coordinator, gate, replays: Replays::default() }))
+    pub fn with_gate(mut self, gate: Option<Gate>) -> Self {
+        let shared = Arc::get_mut(&mut self.0).expect("nobody else has a handle on it yet");
+        shared.gate = gate;
+        self
     }
 
     fn coordinator(&self) -> &Coordinator {
@@ -72,11 +95,43 @@ impl App {
     fn replays(&self) -> &Replays {
         &self.0.replays
     }
+
+    fn access(&self) -> &Access {
+        &self.0.access
+    }
+
+    fn limiter(&self) -> &Limiter {
+        &self.0.limiter
+    }
+
+    fn requests(&self) -> &metrics::Requests {
+        &self.0.requests
+    }
+
+    fn beat(&self) -> &health::Beat {
+        &self.0.beat
+    }
 }
 
 #[derive(OpenApi)]
-#[openapi(info(title = "Furrow", description = "Submits sweeps of closed-loop experiments and serves their tables."))]
+#[openapi(info(title = "Furrow", description = "Submits sweeps of closed-loop experiments and serves their tables."), modifiers(&Tokens))]
 struct Document;
+
+/// Says in the document that a token may be needed, and for what.
+struct Tokens;
+
+impl Modify for Tokens {
+    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        let text = "A token of `furrow token create`, needed unless the service is for its own machine only. `read` is for \
+            GET, `submit` for submitting, pausing, cancelling and retrying sweeps, `admin` for every other change. The \
+            probes need none.";
+        let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(text)).build();
+        let components = document.components.get_or_insert_default();
+        components.add_security_scheme("token", SecurityScheme::Http(bearer));
+        let (none, token) = (SecurityRequirement::default(), SecurityRequirement::new("token", <[&str; 0]>::default()));
+        document.security = Some(vec![none, token]);
+    }
+}
 
 fn resources() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
@@ -90,6 +145,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(workers::routes())
         .merge(plans::routes())
         .merge(health::routes())
+        .merge(metrics::routes())
 }
 
 /// The whole service.
@@ -100,13 +156,10 @@ pub fn router(app: App) -> Router {
         let document = Arc::clone(&document);
         async move { Json(&*document).into_response() }
     };
-    layers::surround(router.route("/openapi.json", routing::get(openapi)).with_state(app), TIMEOUT)
-}
-
-/// Serves `app` on `listener` until `stop` is cancelled; requests under way are answered first.
-///
-/// # Errors
-/// The listener fails for good.
-pub async fn serve(listener: TcpListener, app: App, stop: CancellationToken) -> std::io::Result<()> {
-    axum::serve(listener, router(app)).with_graceful_shutdown(stop.cancelled_owned()).await
+    let router = router.route("/openapi.json", routing::get(openapi)).with_state(app.clone());
+    let router = router.layer(from_fn_with_state(heavy::Turns::default(), heavy::in_turn));
+    let router = layers::surround(router, TIMEOUT, app.access().tls.is_some(), |router| {
+        router.layer(from_fn_with_state(app.clone(), access::admit))
+    });
+    router.layer(from_fn_with_state(app, metrics::count))
 }

@@ -4,8 +4,8 @@
 //! and retries it, `removal` takes it out, and `settle` brings its jobs in line; `job`,
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
 //! `transition` (what changes) and `tally` (what is counted); `admission` lets workers in and turns them away,
-//! `verification` has results computed again; `worker`, `scenario` and `incident` are a
-//! table each. Statements are constants with a sentence each; a test prepares all of them.
+//! `verification` has results computed again; `worker`, `scenario`, `incident` and `token` are a
+//! table each; `census` counts. Statements are constants with a sentence each; a test prepares all of them.
 //!
 //! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
 //! changing it, `transaction` and `log` are what the writer writes through, `backup` copies all of it.
@@ -16,6 +16,7 @@ pub(crate) mod admission;
 pub(crate) mod back_off;
 mod backup;
 pub(crate) mod cell;
+pub(crate) mod census;
 pub(crate) mod claim;
 pub(crate) mod control;
 pub(crate) mod expiry;
@@ -37,6 +38,7 @@ pub(crate) mod settle;
 pub(crate) mod submit;
 pub(crate) mod sweep;
 pub(crate) mod tally;
+pub(crate) mod token;
 pub(crate) mod transaction;
 pub(crate) mod transition;
 pub(crate) mod values;
@@ -168,6 +170,11 @@ impl Store {
     }
 }
 
+/// One connection to the file at `path`, beside whoever else uses it: nothing is created or migrated.
+pub(crate) async fn open_beside(path: &Path) -> Result<SqliteConnection, StoreError> {
+    open::beside(path).await
+}
+
 /// The name that the first migration drew.
 const COORDINATOR_ID: &str = "select id from coordinator";
 
@@ -229,6 +236,7 @@ mod tests {
             admission::STATEMENTS,
             backup::STATEMENTS,
             cell::STATEMENTS,
+            census::STATEMENTS,
             claim::STATEMENTS,
             control::STATEMENTS,
             expiry::STATEMENTS,
@@ -246,6 +254,7 @@ mod tests {
             submit::STATEMENTS,
             sweep::STATEMENTS,
             tally::STATEMENTS,
+            token::STATEMENTS,
             transaction::STATEMENTS,
             transition::STATEMENTS,
             values::STATEMENTS,

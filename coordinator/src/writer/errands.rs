@@ -5,6 +5,8 @@
 //! broke off is removed.
 
 use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
+use std::time::Instant;
 
 use furrow_schema::id::{SweepId, WorkerId};
 use furrow_schema::sweep::{NewSweep, Submitted};
@@ -13,6 +15,7 @@ use sqlx::SqliteConnection;
 use super::Writer;
 use crate::batch::{Batch, Errand, Outcome};
 use crate::error::StoreError;
+use crate::figures::Figures;
 use crate::store::control::{self, Begun, Control, Stepped};
 use crate::store::submit::Expansion;
 use crate::store::transaction::Transaction;
@@ -188,7 +191,8 @@ fn not_written(writer: &Writer, error: StoreError) -> StoreError {
 
 /// A transaction of its own.
 struct Step<'a> {
-    store: &'a Store,
+    writer: &'a Writer,
+    begun: Instant,
     transaction: Transaction,
     engine_id: i64,
     now_ms: i64,
@@ -196,18 +200,20 @@ struct Step<'a> {
 
 impl<'a> Step<'a> {
     async fn begin(writer: &'a Writer) -> Result<Self, StoreError> {
-        let store = &writer.store;
+        let (store, begun) = (&writer.store, Instant::now());
         let mut transaction = store.begin().await?;
         let now_ms = writer.config.clock.now_ms();
         match crate::store::engine_id(&mut transaction, writer.config.engine).await {
-            Ok(engine_id) => Ok(Self { store, transaction, engine_id, now_ms }),
+            Ok(engine_id) => Ok(Self { writer, begun, transaction, engine_id, now_ms }),
             Err(error) => store.end(transaction, Err(error)).await,
         }
     }
 
     /// Commits what was `done` if it went well.
     async fn end<T>(self, done: Result<T, StoreError>) -> Result<T, StoreError> {
-        self.store.end(self.transaction, done).await
+        let done = self.writer.store.end(self.transaction, done).await?;
+        self.writer.figures.commits.observe(self.begun.elapsed());
+        Ok(done)
     }
 }
 

@@ -38,6 +38,8 @@ fn furrow(args: &[&str]) -> Command {
         .args(args)
         .env_remove("FURROW_LOG")
         .env_remove("FURROW_JOIN")
+        .env_remove("FURROW_TOKEN")
+        .env_remove("FURROW_CA")
         .env_remove("RUST_BACKTRACE")
         .stdin(Stdio::null())
         .kill_on_drop(true);
@@ -108,7 +110,12 @@ impl Drop for Running {
 
 /// Runs `furrow` to its end.
 pub(crate) async fn finished(args: &[&str]) -> Finished {
-    let output = timeout(PATIENCE, furrow(args).output()).await;
+    finished_with(args, &[]).await
+}
+
+/// The same, in an environment with these variables, too.
+pub(crate) async fn finished_with(args: &[&str], env: &[(&str, &str)]) -> Finished {
+    let output = timeout(PATIENCE, furrow(args).envs(env.iter().copied()).output()).await;
     let output = output.unwrap_or_else(|_| panic!("furrow {args:?} hangs")).expect("furrow can be started");
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("furrow writes UTF-8");
     let finished = Finished { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) };

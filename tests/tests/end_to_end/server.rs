@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use reqwest::{Client, Method, Response, StatusCode};
+use reqwest::{Client, ClientBuilder, Method, Response, StatusCode};
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, BufReader, Lines};
 use tokio::process::ChildStdout;
@@ -66,7 +66,7 @@ impl Server {
         let ready = timeout(READY_WITHIN, announced(&mut stdout)).await.expect("furrow serve is not ready");
         let (url, endpoint, said) = ready;
         let spool = format!("{db}.spool");
-        Self { process, url, endpoint, spool, said, client: Client::new(), _stdout: stdout }
+        Self { process, url, endpoint, spool, said, client: client(|builder| builder), _stdout: stdout }
     }
 
     /// Starts a worker process with one thread.
@@ -157,6 +157,12 @@ impl Server {
         let digest = |job: &Value| job["digest"].as_str().unwrap_or_else(|| panic!("no digest: {job}")).to_owned();
         self.jobs(sweep).await.iter().map(|job| (row(job), digest(job))).collect()
     }
+}
+
+/// A client for HTTP, set up by `set`. Its encryption has to be chosen in every process that makes one.
+pub(crate) fn client(set: impl FnOnce(ClientBuilder) -> ClientBuilder) -> Client {
+    furrow_api::http::tls::provide();
+    set(Client::builder().no_proxy().tls_certs_only([])).build().unwrap()
 }
 
 /// Reads the lines in which a server says where it listens; these, and all lines up to them.

@@ -1,6 +1,8 @@
 //! The routes on a real coordinator, with results that a test hands in as a worker would.
 
+mod access;
 mod control;
+mod metrics;
 mod problems;
 mod publications;
 mod resources;
@@ -19,7 +21,7 @@ use furrow_schema::protocol::{Call, Claim, Hello, LeasedJob, Report, RunEnd, Run
 use serde_json::{Value, json};
 use tower::ServiceExt;
 
-use super::{App, router};
+use super::{Access, App, router};
 
 /// A service whose database lives in memory.
 pub(super) struct Service {
@@ -53,7 +55,11 @@ impl Service {
     }
 
     fn of(coordinator: Coordinator) -> Self {
-        let router = router(App::new(coordinator.clone()));
+        Self::with_access(coordinator, Access::default())
+    }
+
+    fn with_access(coordinator: Coordinator, access: Access) -> Self {
+        let router = router(App::with_access(coordinator.clone(), access));
         Self { router, coordinator, worker: WorkerId::random(), credential: Credential::random() }
     }
 

@@ -123,6 +123,7 @@ async fn the_document_lists_every_route_with_its_schemas() {
     let paths: Vec<&str> = document["paths"].as_object().unwrap().keys().map(String::as_str).collect();
     let expected = [
         "/healthz",
+        "/metrics",
         "/readyz",
         "/v1/jobs",
         "/v1/jobs/{job}",
@@ -139,6 +140,8 @@ async fn the_document_lists_every_route_with_its_schemas() {
     let methods: Vec<&str> =
         document["paths"]["/v1/sweeps/{sweep}"].as_object().unwrap().keys().map(String::as_str).collect();
     assert!(["get", "patch", "delete"].iter().all(|method| methods.contains(method)), "{methods:?}");
+    assert_eq!(document["components"]["securitySchemes"]["token"]["scheme"], "bearer");
+    assert_eq!(document["security"], json!([{}, {"token": []}]));
     let schemas = document["components"]["schemas"].as_object().unwrap();
     for reference in references(&document) {
         let name = reference.strip_prefix("#/components/schemas/").unwrap();
