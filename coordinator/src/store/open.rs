@@ -91,19 +91,10 @@ pub(super) async fn reader(path: &Path) -> Result<(SqliteConnectOptions, SqliteC
 
 /// One connection to a file that is there and has this program's schema, beside whoever else uses it.
 pub(super) async fn beside(path: &Path) -> Result<SqliteConnection, StoreError> {
-    let path = std::path::absolute(path).map_err(|error| cannot_open(path, error.to_string()))?;
-    check_place(&path)?;
-    if !path.is_file() {
-        return Err(cannot_open(&path, "there is no such file".to_owned()));
-    }
-    inspect(&path).await?;
+    let path = place(path)?;
+    close(reader(&path).await?.1, &path).await?;
     let writing = options().filename(&path).synchronous(SqliteSynchronous::Full);
-    let mut conn = writing.connect().await.map_err(|error| explain(&path, error))?;
-    let version = sqlx::query_scalar::<_, i64>(READ_VERSION).fetch_one(&mut conn).await;
-    if version.is_ok_and(|version| version == known_version()) {
-        return Ok(conn);
-    }
-    Err(cannot_open(&path, "its schema is of an older version: start `furrow serve` on it once".to_owned()))
+    writing.connect().await.map_err(|error| explain(&path, error))
 }
 
 /// A database in memory: one connection that reads and writes, since it is the database.

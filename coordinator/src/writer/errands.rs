@@ -5,7 +5,6 @@
 //! broke off is removed.
 
 use std::collections::{HashMap, VecDeque};
-use std::sync::Arc;
 use std::time::Instant;
 
 use furrow_schema::id::{SweepId, WorkerId};
@@ -15,11 +14,10 @@ use sqlx::SqliteConnection;
 use super::Writer;
 use crate::batch::{Batch, Errand, Outcome};
 use crate::error::StoreError;
-use crate::figures::Figures;
 use crate::store::control::{self, Begun, Control, Stepped};
 use crate::store::submit::Expansion;
 use crate::store::transaction::Transaction;
-use crate::store::{Store, removal, submit, worker};
+use crate::store::{removal, submit, worker};
 
 /// A large submission writes so many chunks in one transaction: fewer write the same pages again and again, more let the
 /// others wait.
