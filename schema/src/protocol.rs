@@ -401,7 +401,7 @@ mod tests {
         assert_eq!(key("default", "c0ffee", Method::Claim), "furrow/v1/default/c0ffee/claim");
         assert_eq!(coordinator_key("default", "c0ffee"), "furrow/v1/default/c0ffee/coordinator");
         assert_eq!(worker_key("default", "c0ffee", "*"), "furrow/v1/default/c0ffee/worker/*");
-        assert_eq!(work_key("default", "c0ffee"), "furrow/v1/default/c0ffee/work");
+        assert_eq!(work_key("default", "c0ffee"), "furrow/v1/default/c0ffee/hint/work");
     }
 
     #[test]

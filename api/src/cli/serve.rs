@@ -143,7 +143,6 @@ pub(super) async fn open(file: &Path) -> Result<Store, CliError> {
 mod tests {
     use super::*;
 
-    #[tokio::test]
     #[test]
     fn a_share_is_a_number_from_0_to_1() {
         assert_eq!(["0", "0.01", "1"].map(|text| share(text).unwrap()), [0.0, 0.01, 1.0]);

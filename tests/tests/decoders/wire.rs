@@ -6,7 +6,8 @@ use std::time::Duration;
 use furrow_coordinator::{Config, Coordinator, Store};
 use furrow_schema::job::Timings;
 use furrow_schema::protocol::{
-    Call, Claim, Hello, Leases, Method, Recorded, Refusal, Renew, Renewed, Reply, Report, RunReport, Welcome,
+    Call, Claim, Enrol, Enrolled, Hello, Leases, Method, Recorded, Refresh, Refusal, Renew, Renewed, Reply, Report,
+    RunReport, Welcome,
 };
 use furrow_worker::trajectory;
 use proptest::prelude::*;
@@ -46,6 +47,11 @@ fn question(method: Method) -> Value {
             {"job": 3, "attempt": 2, "ended": "handed-back"}
         ]}),
         Method::Renew => json!({"held": [{"job": 1, "attempt": 1, "running": true}]}),
+        Method::Enrol => json!({
+            "hello": {"name": "barn", "engine": engine, "threads": 2},
+            "public_key": "01".repeat(32), "join": "02".repeat(32), "signature": "03".repeat(64), "proof": "04".repeat(64)
+        }),
+        Method::Refresh => json!({}),
     };
     let word = |digit: &str| digit.repeat(32);
     json!({"request": word("a"), "worker": word("b"), "credential": word("c"), "body": body})
@@ -83,7 +89,7 @@ fn read<T: DeserializeOwned + Serialize>(bytes: &[u8]) -> Result<(), TestCaseErr
 
 #[test]
 fn the_valid_question_is_valid() {
-    for method in Method::ALL {
+    for method in Method::OF_WORK {
         let bytes = RUNTIME.block_on(COORDINATOR.handle(method, question(method).to_string().as_bytes()));
         let reply: Value = serde_json::from_slice(&bytes).unwrap();
         assert!(reply.get("refused").is_none(), "{method:?}: {reply}");
@@ -112,6 +118,7 @@ proptest! {
         read::<Reply<Leases>>(&bytes)?;
         read::<Reply<Recorded>>(&bytes)?;
         read::<Reply<Renewed>>(&bytes)?;
+        read::<Reply<Enrolled>>(&bytes)?;
     }
 
     #[test]
@@ -122,6 +129,8 @@ proptest! {
         read::<Call<Claim>>(&bytes)?;
         read::<Call<Report>>(&bytes)?;
         read::<Call<Renew>>(&bytes)?;
+        read::<Call<Enrol>>(&bytes)?;
+        read::<Call<Refresh>>(&bytes)?;
         read::<RunReport>(&bytes)?;
     }
 

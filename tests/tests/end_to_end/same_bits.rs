@@ -70,6 +70,8 @@ async fn a_coordinator_and_two_workers_give_the_bits_of_one_process() {
 
     let server = Server::start(&path(&directory, "served.db"), 0).await;
     let _workers = [server.worker(), server.worker()];
+    let both = |workers: &Value| workers["items"].as_array().filter(|items| items.len() == 2).map(|_| ());
+    server.until("/v1/workers", both).await;
     let sweep = server.submit(&json!({"plan": short_plan()})).await;
     let done = server.done(sweep).await;
     assert_eq!((done["done"].as_u64(), done["failed"].as_u64()), (Some(RUNS), Some(0)));
