@@ -57,11 +57,11 @@ async fn the_command_line_pauses_resumes_cancels_retries_and_watches() {
         process::json(&args).await
     };
     assert_eq!(run(&["pause"]).await["state"], "paused");
-    let _worker = server.worker();
     assert_eq!(run(&["pause", "--resume"]).await["state"], "active");
     assert_eq!(run(&["cancel"]).await["state"], "cancelled");
     let watched = process::finished(&["watch", &sweep, "--url", &server.url]).await;
     assert!(watched.code == Some(1) && watched.stderr.contains("cancelled"), "{watched:?}");
+    let _worker = server.worker();
     run(&["retry"]).await;
     let watched = run(&["watch"]).await;
     assert_eq!((&watched["state"], &watched["done"]), (&json!("done"), &json!(8)));

@@ -75,7 +75,7 @@ pub(crate) async fn open(endpoint: &str, more: Vec<(&str, Value)>) -> Result<Ses
     let settings = [
         ("mode", json!("client")),
         ("connect/endpoints", json!([endpoint])),
-        ("connect/timeout_ms", json!(3_000)),
+        ("connect/timeout_ms", json!(10_000)),
         ("connect/exit_on_failure", json!(true)),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
