@@ -10,9 +10,6 @@ use crate::plan::{directory, path, plan};
 use crate::process::{Running, finished};
 use crate::server::Server;
 
-/// Options that the files use and `--help` lists once the program can serve a local network.
-const LATER: [&str; 2] = ["--lan", "--join"];
-
 fn deploy() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy")
 }
@@ -100,8 +97,7 @@ async fn every_option_in_the_files_is_known_to_the_program() {
         }
         let known: BTreeSet<_> = helps[name].split(|c: char| c.is_whitespace() || ",[]".contains(c)).collect();
         for option in options {
-            let known = known.contains(option.as_str()) || LATER.contains(&option.as_str());
-            assert!(known, "`furrow {name}` has no {option}");
+            assert!(known.contains(option.as_str()), "`furrow {name}` has no {option}");
         }
     }
     let of = |name: &str| commands.iter().filter(|(command, _)| command == name).count();
