@@ -173,6 +173,7 @@ mod tests {
             "furrow workers revoke 0123456789abcdef0123456789abcdef --db x.db",
             "furrow workers expire 0123456789abcdef0123456789abcdef --in 7d --json",
             "furrow workers expire 0123456789abcdef0123456789abcdef --never",
+            "furrow workers allow 0123456789abcdef0123456789abcdef --json",
             "furrow plans guyonneau2022/bounds --json",
             "furrow submit guyonneau2022/bounds --url http://127.0.0.1:1 --name night --priority -3 --json",
             "furrow status",

@@ -33,6 +33,11 @@ enum Change {
         #[command(flatten)]
         target: Target,
     },
+    /// Give a barred worker jobs again, once it was mended or found not at fault
+    Allow {
+        #[command(flatten)]
+        target: Target,
+    },
     /// Let a worker in for a time from now, or for good
     Expire {
         #[command(flatten)]
@@ -68,7 +73,7 @@ fn worker(text: &str) -> Result<WorkerId, String> {
 pub(super) async fn run(args: WorkersArgs) -> Result<(), CliError> {
     let source = match &args.change {
         None => &args.source,
-        Some(Change::Revoke { target } | Change::Expire { target, .. }) => &target.source,
+        Some(Change::Revoke { target } | Change::Allow { target } | Change::Expire { target, .. }) => &target.source,
     };
     let client = Client::open(source).await?;
     let ended = match &args.change {
@@ -85,10 +90,14 @@ async fn list(client: &Client, json: bool) -> Result<(), CliError> {
 }
 
 async fn apply(client: &Client, change: &Change) -> Result<(), CliError> {
-    let (Change::Revoke { target } | Change::Expire { target, .. }) = change;
+    let (Change::Revoke { target } | Change::Allow { target } | Change::Expire { target, .. }) = change;
     let path = ["v1", "workers", target.worker.as_str()];
     let changed: WorkerLine = match change {
         Change::Revoke { .. } => client.change(Method::DELETE, &path, None::<&()>).await?,
+        Change::Allow { .. } => {
+            let [version, workers, worker] = path;
+            client.change(Method::POST, &[version, workers, worker, "allow"], None::<&()>).await?
+        }
         Change::Expire { after, .. } => {
             let until = |after: &u64| now_ms().saturating_add(i64::try_from(after * 1_000).unwrap_or(i64::MAX));
             let patch = WorkerPatch { until_ms: after.as_ref().map(until) };
@@ -112,6 +121,7 @@ fn row(worker: &WorkerLine, now_ms: i64) -> Vec<Entry> {
         WorkerState::Away => "away",
         WorkerState::Expired => "expired",
         WorkerState::Revoked => "revoked",
+        WorkerState::Barred => "barred",
     };
     let let_in_by = match worker.enrolled_by {
         EnrolledBy::Hello => "hello",
@@ -160,6 +170,7 @@ mod tests {
             certificate_until_ms: Some(1),
             until_ms: Some(70_000),
             revoked_ms: None,
+            barred: None,
         };
         let shown = table(std::slice::from_ref(&worker), 10_000);
         let line = shown.lines().find(|line| line.contains("barn")).unwrap();

@@ -55,6 +55,17 @@ pub struct WorkerLine {
     pub until_ms: Option<i64>,
     /// When it was turned away [ms since 1970].
     pub revoked_ms: Option<i64>,
+    /// Why it gets no more jobs, if a result of it turned out wrong.
+    pub barred: Option<WorkerBar>,
+}
+
+/// A worker that computed something wrong gets no more jobs.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct WorkerBar {
+    /// Since when [ms since 1970].
+    pub since_ms: i64,
+    /// What speaks against it.
+    pub reason: String,
 }
 
 /// Whether a worker works.
@@ -69,6 +80,8 @@ pub enum WorkerState {
     Expired,
     /// It was turned away for good.
     Revoked,
+    /// A result of it turned out wrong.
+    Barred,
 }
 
 /// How a worker was let in.
@@ -148,6 +161,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(list_workers))
         .routes(routes!(get_worker, patch_worker, delete_worker))
+        .routes(routes!(allow_worker))
         .routes(routes!(create_join_secret))
 }
 
@@ -203,6 +217,21 @@ async fn delete_worker(
     shown(&app, &name, revoked)
 }
 
+/// Lets a barred worker have jobs again, once it is known that it was not at fault or has been mended.
+#[utoipa::path(post, path = "/v1/workers/{worker}/allow", tag = "workers",
+    params(("worker" = String, Path, description = "its id")),
+    responses((status = 200, body = WorkerLine), (status = "default", body = Problem, content_type = "application/problem+json")))]
+async fn allow_worker(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    params: Params,
+) -> Result<Json<WorkerLine>, Problem> {
+    params.finish()?;
+    let worker = worker_id(&name)?;
+    app.coordinator().allow(worker.clone()).await?;
+    shown(&app, &name, app.coordinator().worker(&worker).await?)
+}
+
 /// Makes a join secret, with which new workers enrol on the local network. It is told once, and kept nowhere.
 ///
 /// 409 from a server that does not serve a local network.
@@ -236,6 +265,7 @@ fn line(app: &App, worker: WorkerInfo) -> WorkerLine {
     let now_ms = app.coordinator().now_ms();
     let state = match worker {
         WorkerInfo { revoked_ms: Some(_), .. } => WorkerState::Revoked,
+        WorkerInfo { barred: Some(_), .. } => WorkerState::Barred,
         WorkerInfo { until_ms: Some(until_ms), .. } if until_ms <= now_ms => WorkerState::Expired,
         WorkerInfo { last_seen_ms, .. } if last_seen_ms > now_ms - LEASE_MS => WorkerState::Live,
         _ => WorkerState::Away,
@@ -255,5 +285,6 @@ fn line(app: &App, worker: WorkerInfo) -> WorkerLine {
         certificate_until_ms: worker.certificate_until_ms,
         until_ms: worker.until_ms,
         revoked_ms: worker.revoked_ms,
+        barred: worker.barred.map(|bar| WorkerBar { since_ms: bar.since_ms, reason: bar.reason }),
     }
 }

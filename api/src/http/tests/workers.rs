@@ -24,6 +24,8 @@ async fn a_worker_is_listed_let_in_for_a_time_and_revoked() {
     assert_eq!((&expired["state"], &expired["until_ms"]), (&json!("expired"), &json!(1)));
     let back = send(&service, Method::PATCH, &path, json!({"until_ms": null})).await.json();
     assert_eq!((&back["state"], &back["until_ms"]), (&json!("live"), &json!(null)));
+    let allowed = send(&service, Method::POST, &format!("{path}/allow"), json!({})).await.json();
+    assert_eq!((&allowed["state"], &allowed["barred"]), (&json!("live"), &json!(null)));
     let revoked = send(&service, Method::DELETE, &path, json!({})).await.json();
     assert_eq!(revoked["state"], "revoked");
     let again = send(&service, Method::DELETE, &path, json!({})).await.json();
@@ -38,6 +40,7 @@ async fn what_is_asked_wrongly_of_workers_is_a_problem_that_names_the_key() {
         (Method::GET, "/v1/workers/barn", json!({}), 400, "worker"),
         (Method::GET, nobody.as_str(), json!({}), 404, "worker"),
         (Method::DELETE, &nobody, json!({}), 404, "worker"),
+        (Method::POST, &format!("{nobody}/allow"), json!({}), 404, "worker"),
         (Method::PATCH, &nobody, json!({}), 400, "until_ms"),
         (Method::PATCH, &nobody, json!({"until_ms": "soon"}), 400, "until_ms"),
         (Method::POST, "/v1/join-secrets", json!({"uses": 0}), 422, "uses"),
