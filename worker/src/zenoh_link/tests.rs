@@ -43,7 +43,9 @@ impl Coordinator {
 
     fn config(&self) -> ConnectConfig {
         let endpoint = Some(self.endpoint.clone());
-        ConnectConfig { endpoint, namespace: self.namespace.clone(), ..ConnectConfig::default() }
+        // On a busy machine it takes a while to be found.
+        let patience = Some(Duration::from_secs(30));
+        ConnectConfig { endpoint, namespace: self.namespace.clone(), patience, ..ConnectConfig::default() }
     }
 
     async fn workers(&self) -> zenoh::pubsub::Subscriber<FifoChannelHandler<Sample>> {
