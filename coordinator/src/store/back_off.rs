@@ -16,7 +16,7 @@ pub(crate) fn back_off_ms(key: &JobKey, attempt: u32, panics: u32) -> i64 {
     hasher.update(&key.0).update(&attempt.to_le_bytes());
     let [a, b, c, d, ..] = *hasher.finalize().as_bytes();
     let drawn = i64::from(u32::from_le_bytes([a, b, c, d]));
-    shortest + (shortest / 2 * drawn >> 32)
+    shortest + ((shortest / 2 * drawn) >> 32)
 }
 
 #[cfg(test)]

@@ -80,8 +80,8 @@ impl Known {
         if callers.is_empty() {
             return Ok(Self::default());
         }
-        let rows: Vec<(String, i64, Vec<u8>, bool, bool, Option<String>)> =
-            sqlx::query_as(FIND).bind(to_json(&callers)).bind(now_ms).fetch_all(conn).await?;
+        type Found = (String, i64, Vec<u8>, bool, bool, Option<String>);
+        let rows: Vec<Found> = sqlx::query_as(FIND).bind(to_json(&callers)).bind(now_ms).fetch_all(conn).await?;
         let known = rows.into_iter().map(|(uid, id, credential, revoked, over, barred)| {
             let credential = blake3::Hash::from_bytes(hash("a credential's hash", &credential)?);
             let turned_away = match barred {
