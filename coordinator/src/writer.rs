@@ -264,13 +264,18 @@ impl Writer {
     ) -> Result<usize, StoreError> {
         let max_deaths = self.config.max_attempts;
         let mut ended = 0;
-        if !batch.housekeeping.is_empty() && !self.outage.leases_hold(now_ms) {
+        if !batch.housekeeping.is_empty() {
+            self.outage.keeps_house(self.config.leases_hold_for, now_ms);
+        }
+        let hold = self.outage.leases_hold(now_ms);
+        if !batch.housekeeping.is_empty() && !hold {
             let tally = &mut answers.tally;
             ended += admission::free_ended(conn, engine_id, now_ms, tally).await?;
             ended += expiry::expire(conn, max_deaths, engine_id, now_ms, tally).await?;
         }
         for (absence, _) in &batch.absences {
-            let heard_ms = self.heard.since(absence);
+            // While leases hold, whoever is away has time to come back.
+            let heard_ms = if hold { Some(now_ms) } else { self.heard.since(absence) };
             if heard_ms.is_none() {
                 let tally = &mut answers.tally;
                 ended += expiry::fell_silent(conn, absence, max_deaths, engine_id, now_ms, tally).await?;

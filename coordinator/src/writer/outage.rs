@@ -1,9 +1,14 @@
-//! A time in which the database cannot be written: said once, and not held against workers. A damaged file ends it all.
+//! A time in which the database cannot be written, or in which this process stood still: not held against workers. A
+//! damaged file ends it all.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::time::Duration;
 
 use crate::config::Config;
 use crate::error::StoreError;
+
+/// When housekeeping is so late, this process was stopped or its machine slept: nobody could renew meanwhile \[ms\].
+const STANDSTILL_MS: i64 = 5_000;
 
 /// Whether the database can be written.
 #[derive(Debug, Default)]
@@ -12,6 +17,8 @@ pub(super) struct Outage {
     for_good: AtomicBool,
     /// Until then no lease runs out: those who hold one could not renew it [ms since 1970].
     leases_hold_until_ms: AtomicI64,
+    /// When housekeeping was last done [ms since 1970]; 0 before.
+    kept_house_ms: AtomicI64,
 }
 
 impl Outage {
@@ -29,6 +36,15 @@ impl Outage {
             tracing::debug!(%error, "still cannot write");
         } else {
             tracing::error!(%error, "cannot write; whoever asks is refused until it works again");
+        }
+    }
+
+    /// Housekeeping is done. After a standstill no lease ends for `hold`, in which workers renew.
+    pub(super) fn keeps_house(&self, hold: Duration, now_ms: i64) {
+        let last_ms = self.kept_house_ms.swap(now_ms, Ordering::Relaxed);
+        if last_ms > 0 && now_ms - last_ms > STANDSTILL_MS && !hold.is_zero() {
+            tracing::warn!("this process stood still: no lease ends before its workers had time to renew");
+            self.leases_hold_until_ms.fetch_max(now_ms + hold.as_millis() as i64, Ordering::Relaxed);
         }
     }
 
@@ -79,6 +95,17 @@ mod tests {
         let ended = RunEnd::Done(record);
         let runs = vec![RunReport { job: job.job, attempt: job.attempt, ended }];
         bench.coordinator.result(worker.call(Report { engine: ENGINE, runs })).await
+    }
+
+    #[test]
+    fn no_lease_ends_right_after_a_standstill() {
+        let (outage, hold) = (Outage::default(), Duration::from_secs(10));
+        for now_ms in [1_000, 2_000, 6_900] {
+            outage.keeps_house(hold, now_ms);
+            assert!(!outage.leases_hold(now_ms), "{now_ms}");
+        }
+        outage.keeps_house(hold, 40_000);
+        assert!(outage.leases_hold(49_999) && !outage.leases_hold(50_000));
     }
 
     async fn goes_through_a_full_disk(bench: Bench) {
