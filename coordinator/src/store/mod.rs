@@ -10,7 +10,8 @@
 //! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
 //! changing it, `transaction` and `log` are what the writer writes through, `backup` copies all of it.
 //!
-//! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
+//! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row. Where rows
+//! are wide and many, their values are bound one by one (`rows`).
 
 pub(crate) mod admission;
 pub(crate) mod back_off;
@@ -32,6 +33,7 @@ mod random_histories;
 pub(crate) mod removal;
 pub(crate) mod renew;
 pub(crate) mod result;
+mod rows;
 pub(crate) mod runs;
 pub(crate) mod scenario;
 pub(crate) mod settle;
@@ -262,7 +264,8 @@ mod tests {
             verification::REPORT_STATEMENTS,
             worker::STATEMENTS,
         ];
-        for statement in all.into_iter().flatten() {
+        let by_rows = [submit::BY_ROWS, transition::BY_ROWS].into_iter().flatten().flatten();
+        for statement in all.into_iter().flatten().chain(by_rows) {
             conn.prepare(statement.into_sql_str()).await.unwrap_or_else(|e| panic!("{e}: {statement}"));
         }
     }
