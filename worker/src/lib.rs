@@ -11,6 +11,7 @@ mod backoff;
 mod board;
 mod claims;
 mod conversation;
+mod gathering;
 pub mod lan;
 pub mod link;
 mod pool;

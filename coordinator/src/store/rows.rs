@@ -21,11 +21,11 @@ pub(crate) type Binding<'q> = Query<'q, Sqlite, SqliteArguments>;
 /// A statement around a list of rows: what stands before them, one row of parameters, what stands after them.
 macro_rules! by_rows {
     ($before:literal, $row:literal, $after:literal) => {{
-        use $crate::store::rows::four;
+        use $crate::store::rows::four as four_times;
         [
-            concat!($before, four!(four!(four!($row))), $after),
-            concat!($before, four!(four!($row)), $after),
-            concat!($before, four!($row), $after),
+            concat!($before, four_times!(four_times!(four_times!($row))), $after),
+            concat!($before, four_times!(four_times!($row)), $after),
+            concat!($before, four_times!($row), $after),
             concat!($before, $row, $after),
         ]
     }};

@@ -145,8 +145,7 @@ impl<'a> Changes<'a> {
         self.write_results(conn, now_ms).await?;
         let done: Vec<_> = self.results.iter().map(|row| row.0).collect();
         execute(conn, FINISH, &done, now_ms).await?;
-        let claims: Vec<_> = self.results.iter().map(|row| row.1).collect();
-        worker::count_results(conn, &claims).await?;
+        worker::count_results(conn, self.results.iter().map(|row| row.1)).await?;
         execute_without_time(conn, ADD_TRAJECTORIES, &self.trajectories).await?;
         tally.moved(conn, &self.moved).await?;
         incident::add(conn, &self.incidents, engine_id, now_ms).await
