@@ -1,5 +1,6 @@
 //! Many worker sessions at once, each with a lease that it renews as often as it is asked to.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use furrow_schema::id::EngineId;
@@ -7,6 +8,7 @@ use furrow_schema::protocol::{HeldJob, LeasedJob, Renew};
 use furrow_worker::{Link, ZenohLink};
 use futures::{StreamExt, TryStreamExt, stream};
 use serde::{Deserialize, Serialize};
+use tokio::sync::{Semaphore, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
 use super::worker::{Myself, Trouble, connect};
@@ -53,20 +55,27 @@ struct Session {
     renew_every: Duration,
 }
 
-/// Opens `sessions` sessions, each of which claims a job, renews its lease for `time` once all are open, and reports it.
+/// Opens `sessions` sessions, each of which claims a job, renews its lease until all have been open for `time`, and reports
+/// it.
 ///
 /// # Errors
 /// There is no coordinator, it refuses, or it has too few jobs.
 pub async fn hold(endpoint: &str, engine: EngineId, sessions: usize, time: Duration) -> Result<Seen, CliError> {
-    let open = stream::iter(0..sessions).map(|_| Session::open(endpoint, engine)).buffer_unordered(AT_A_TIME);
-    let open: Vec<Session> = open.try_collect().await?;
-    let until = Instant::now() + time;
-    let held = stream::iter(&open).map(|session| session.hold(until, engine)).buffer_unordered(sessions.max(1));
-    let seen = held.try_fold(Seen::default(), async |all, one| Ok(all.and(one))).await;
-    for session in &open {
+    let turns = Semaphore::new(AT_A_TIME);
+    let (open, until) = (AtomicUsize::new(0), watch::Sender::new(None));
+    let whole = async |_| {
+        let turn = turns.acquire().await.expect("never closed");
+        let session = Session::open(endpoint, engine).await?;
+        drop(turn);
+        if open.fetch_add(1, Ordering::Relaxed) + 1 == sessions {
+            until.send_replace(Some(Instant::now() + time));
+        }
+        let seen = session.hold(&until, engine).await.map_err(CliError::failed("a session"))?;
         session.link.close().await;
-    }
-    seen.map_err(CliError::failed("a session"))
+        Ok(seen)
+    };
+    let all = stream::iter(0..sessions).map(whole).buffer_unordered(sessions.max(1));
+    all.try_fold(Seen::default(), async |all, one| Ok(all.and(one))).await
 }
 
 impl Session {
@@ -83,11 +92,11 @@ impl Session {
         Ok(Self { link, myself, job, renew_every })
     }
 
-    async fn hold(&self, until: Instant, engine: EngineId) -> Result<Seen, Trouble> {
+    async fn hold(&self, until: &watch::Sender<Option<Instant>>, engine: EngineId) -> Result<Seen, Trouble> {
         let mut seen = Seen { sessions: 1, ..Seen::default() };
         let mut ticks = interval(self.renew_every);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        while Instant::now() < until {
+        while until.borrow().is_none_or(|until| Instant::now() < until) {
             ticks.tick().await;
             self.renew(&mut seen).await?;
         }

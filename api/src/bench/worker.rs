@@ -2,9 +2,10 @@
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use furrow_schema::id::{Credential, EngineId, RequestId, ScenarioId, WorkerId};
-use furrow_schema::protocol::{Call, Claim, Hello, LeasedJob, Leases, Report, RunEnd, RunReport, Welcome};
+use furrow_schema::protocol::{Call, Claim, Hello, LeasedJob, Leases, Reply, Report, RunEnd, RunReport, Welcome};
 use furrow_worker::{Config, ConnectConfig, Link, LinkError, Spool, Worker, ZenohLink};
 use futures::future::join_all;
 use tokio_util::sync::CancellationToken;
@@ -12,8 +13,15 @@ use tokio_util::sync::CancellationToken;
 use super::idle::{Idle, record};
 use crate::cli::error::CliError;
 
+/// A busy coordinator is waited for so long.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// A question is asked so often at most, with such a pause.
+const MOST_TRIES: u32 = 50;
+const PAUSE: Duration = Duration::from_millis(200);
+
 pub(super) async fn connect(endpoint: &str) -> Result<ZenohLink, CliError> {
-    let config = ConnectConfig { endpoint: Some(endpoint.to_owned()), ..ConnectConfig::default() };
+    let config =
+        ConnectConfig { endpoint: Some(endpoint.to_owned()), patience: Some(PATIENCE), ..ConnectConfig::default() };
     Ok(ZenohLink::connect(config).await?)
 }
 
@@ -83,8 +91,8 @@ impl Myself {
     }
 
     pub(super) async fn introduce(&self, link: &ZenohLink, engine: EngineId) -> Result<Welcome, Trouble> {
-        let hello = Hello { name: "one by one".to_owned(), engine, threads: 1 };
-        Ok(link.hello(self.call(hello)).await?.into_result()?)
+        let call = self.call(Hello { name: "one by one".to_owned(), engine, threads: 1 });
+        patiently(|| link.hello(call.clone())).await
     }
 
     pub(super) async fn claim_one(
@@ -93,15 +101,30 @@ impl Myself {
         engine: EngineId,
         known_scenarios: Vec<ScenarioId>,
     ) -> Result<Leases, Trouble> {
-        let claim = Claim { engine, want: 1, known_scenarios, first: false };
-        Ok(link.claim(self.call(claim)).await?.into_result()?)
+        let call = self.call(Claim { engine, want: 1, known_scenarios, first: false });
+        patiently(|| link.claim(call.clone())).await
     }
 
     pub(super) async fn report(&self, link: &ZenohLink, engine: EngineId, job: &LeasedJob) -> Result<(), Trouble> {
         let ended = RunEnd::Done(record("{}", job.seed));
         let runs = vec![RunReport { job: job.job, attempt: job.attempt, ended }];
-        link.result(self.call(Report { engine, runs })).await?.into_result()?;
+        let call = self.call(Report { engine, runs });
+        patiently(|| link.result(call.clone())).await?;
         Ok(())
+    }
+}
+
+/// Asks again where there is no answer, as workers do.
+async fn patiently<T, F: Future<Output = Result<Reply<T>, LinkError>>>(ask: impl Fn() -> F) -> Result<T, Trouble> {
+    let mut tries = 1;
+    loop {
+        match ask().await {
+            Err(LinkError::NoAnswer(_)) if tries < MOST_TRIES => {
+                tries += 1;
+                tokio::time::sleep(PAUSE).await;
+            }
+            answer => return Ok(answer?.into_result()?),
+        }
     }
 }
 
