@@ -7,6 +7,7 @@ use furrow_schema::id::{EngineId, SweepId};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
 use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use tokio::sync::{mpsc, oneshot, watch};
+use tokio::task::AbortHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::batch::{Command, Errand};
@@ -39,6 +40,7 @@ struct Shared {
     changed: watch::Receiver<u64>,
     stop: CancellationToken,
     stopped: CancellationToken,
+    tasks: [AbortHandle; 2],
 }
 
 impl Coordinator {
@@ -53,10 +55,10 @@ impl Coordinator {
         let rates = Arc::new(Rates::starting_at(config.clock.now_ms()));
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
         let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bell);
-        tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
-        let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
-        tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped }) }
+        let writing = tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
+        let house = tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), config.clone()));
+        let tasks = [writing.abort_handle(), house.abort_handle()];
+        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped, tasks }) }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.
@@ -267,6 +269,12 @@ impl Coordinator {
     pub async fn shutdown(&self) {
         self.shared.stop.cancel();
         self.shared.stopped.cancelled().await;
+    }
+
+    /// Ends it without a word, as a kill of its process does: what is not committed is rolled back, nobody gets an answer,
+    /// and the store stays open for another coordinator.
+    pub fn kill(&self) {
+        self.shared.tasks.iter().for_each(AbortHandle::abort);
     }
 
     fn same_engine(&self, worker: EngineId) -> Result<(), Refusal> {

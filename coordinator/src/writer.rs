@@ -29,6 +29,8 @@ use errands::Errands;
 const BATCH_COMMANDS: usize = 256;
 /// Leases are looked at this often.
 const HOUSEKEEPING_EVERY: Duration = Duration::from_secs(1);
+/// When housekeeping is so late, nobody could renew meanwhile [ms].
+const STANDSTILL_MS: i64 = 5_000;
 
 /// The state of the writing task.
 pub(crate) struct Writer {
@@ -202,11 +204,21 @@ impl Writer {
     }
 }
 
-/// Asks for housekeeping every second from `first` on, as long as there is anyone to ask.
-pub(crate) async fn keep_house(commands: mpsc::WeakSender<Command>, stop: CancellationToken, first: Instant) {
-    let mut tick = tokio::time::interval_at(first, HOUSEKEEPING_EVERY);
+/// Asks for housekeeping every second, as long as there is anyone to ask. At first, and after the process stood still
+/// (stopped, or its machine asleep), it waits until workers had time to renew.
+pub(crate) async fn keep_house(commands: mpsc::WeakSender<Command>, stop: CancellationToken, config: Config) {
+    let mut tick = tokio::time::interval_at(Instant::now() + config.leases_hold_for, HOUSEKEEPING_EVERY);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut last_ms = None;
     while stop.run_until_cancelled(tick.tick()).await.is_some() {
+        let now_ms = config.clock.now_ms();
+        if last_ms.is_some_and(|last_ms| now_ms - last_ms > STANDSTILL_MS) {
+            tracing::warn!("this process stood still: no lease runs out before its workers had time to renew");
+            last_ms = None;
+            tick.reset_after(config.leases_hold_for);
+            continue;
+        }
+        last_ms = Some(now_ms);
         let (answer, answered) = oneshot::channel();
         let Some(commands) = commands.upgrade() else { return };
         if commands.send(Command::KeepHouse(answer)).await.is_err() {
@@ -312,10 +324,27 @@ mod tests {
     #[tokio::test]
     async fn no_lease_runs_out_before_the_workers_had_time_to_come_back() {
         let (commands, mut queue) = mpsc::channel(1);
-        let first = Instant::now() + Duration::from_millis(100);
-        tokio::spawn(keep_house(commands.downgrade(), CancellationToken::new(), first));
+        let hold = Duration::from_millis(100);
+        let first = Instant::now() + hold;
+        let config = Config { leases_hold_for: hold, ..Config::new(ENGINE) };
+        tokio::spawn(keep_house(commands.downgrade(), CancellationToken::new(), config));
         assert!(matches!(queue.recv().await, Some(Command::KeepHouse(_))));
         assert!(Instant::now() >= first);
+    }
+
+    #[tokio::test]
+    async fn no_lease_runs_out_right_after_a_standstill() {
+        let (commands, mut queue) = mpsc::channel(1);
+        let (clock, hand) = crate::Clock::manual(0);
+        let hold = Duration::from_millis(1_500);
+        let config = Config { leases_hold_for: hold, clock, ..Config::new(ENGINE) };
+        tokio::spawn(keep_house(commands.downgrade(), CancellationToken::new(), config));
+        let Some(Command::KeepHouse(done)) = queue.recv().await else { panic!("it keeps house") };
+        let stopped = Instant::now();
+        hand.advance(STANDSTILL_MS + 1);
+        done.send(Ok(())).unwrap();
+        assert!(matches!(queue.recv().await, Some(Command::KeepHouse(_))));
+        assert!(stopped.elapsed() >= hold, "{:?}", stopped.elapsed());
     }
 
     #[tokio::test]

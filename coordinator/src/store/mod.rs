@@ -4,7 +4,7 @@
 //! and retries it, `removal` takes it out, and `settle` brings its jobs in line; `job`,
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
 //! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
-//! table each. Statements are constants with a sentence each; a test prepares all of them.
+//! table each; `rehearsal` is for tests of faults. Statements are constants with a sentence each; a test prepares all of them.
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
 
@@ -18,6 +18,7 @@ pub(crate) mod job_detail;
 mod open;
 #[cfg(test)]
 mod random_histories;
+mod rehearsal;
 pub(crate) mod removal;
 pub(crate) mod renew;
 pub(crate) mod result;
@@ -174,6 +175,7 @@ mod tests {
             incident::STATEMENTS,
             job::STATEMENTS,
             job_detail::STATEMENTS,
+            rehearsal::STATEMENTS,
             removal::STATEMENTS,
             renew::STATEMENTS,
             result::STATEMENTS,
