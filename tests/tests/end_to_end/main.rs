@@ -8,9 +8,13 @@
 mod bad_input;
 mod bad_requests;
 mod control;
+mod kills;
+mod network;
+mod pauses;
 mod plan;
 mod process;
 mod same_bits;
+mod schedules;
 mod server;
 mod stopping;
 mod survival;

@@ -31,9 +31,12 @@ fn program() -> PathBuf {
     program
 }
 
-/// `furrow` with these arguments, without standard input, killed when dropped.
-fn furrow(args: &[&str]) -> Command {
-    let mut command = Command::new(program());
+/// `furrow` with these arguments, in a network namespace if one is named, without standard input, killed when dropped.
+fn furrow(namespace: Option<&str>, args: &[&str]) -> Command {
+    let mut command = Command::new(if namespace.is_some() { PathBuf::from("ip") } else { program() });
+    if let Some(namespace) = namespace {
+        command.args(["netns", "exec", namespace]).arg(program());
+    }
     command.args(args).env_remove("FURROW_LOG").env_remove("RUST_BACKTRACE").stdin(Stdio::null()).kill_on_drop(true);
     // The user's own state is left alone.
     command.env("XDG_STATE_HOME", env!("CARGO_TARGET_TMPDIR"));
@@ -49,16 +52,26 @@ pub(crate) struct Running {
 impl Running {
     /// Starts `furrow` with these arguments; its standard output is piped.
     pub(crate) fn start(args: &[&str]) -> Self {
+        Self::start_in(None, args)
+    }
+
+    /// The same in a network namespace.
+    pub(crate) fn start_in(namespace: Option<&str>, args: &[&str]) -> Self {
         let (file, log): (File, TempPath) = tempfile::NamedTempFile::new().unwrap().into_parts();
-        let child = furrow(args).stdout(Stdio::piped()).stderr(file).spawn().expect("furrow can be started");
+        let child = furrow(namespace, args).stdout(Stdio::piped()).stderr(file).spawn().expect("furrow can be started");
         Self { child, log }
+    }
+
+    /// Sends the process a signal: `STOP`, `CONT`, ..
+    pub(crate) async fn signal(&self, name: &str) {
+        let pid = self.child.id().expect("the process still runs").to_string();
+        let sent = Command::new("sh").args(["-c", "kill -\"$1\" \"$0\"", &pid, name]).status().await.unwrap();
+        assert!(sent.success());
     }
 
     /// Asks the process to end, as a service manager does, and waits until it has.
     pub(crate) async fn terminate(&mut self, within: Duration) -> ExitStatus {
-        let pid = self.child.id().expect("the process still runs").to_string();
-        let sent = Command::new("sh").args(["-c", "kill -TERM \"$0\"", &pid]).status().await.unwrap();
-        assert!(sent.success());
+        self.signal("TERM").await;
         let ended = timeout(within, self.child.wait()).await;
         ended.unwrap_or_else(|_| panic!("the process goes on {within:?} after SIGTERM")).unwrap()
     }
@@ -77,7 +90,12 @@ impl Drop for Running {
 
 /// Runs `furrow` to its end.
 pub(crate) async fn finished(args: &[&str]) -> Finished {
-    let output = timeout(PATIENCE, furrow(args).output()).await;
+    finished_in(None, args).await
+}
+
+/// The same in a network namespace.
+pub(crate) async fn finished_in(namespace: Option<&str>, args: &[&str]) -> Finished {
+    let output = timeout(PATIENCE, furrow(namespace, args).output()).await;
     let output = output.unwrap_or_else(|_| panic!("furrow {args:?} hangs")).expect("furrow can be started");
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("furrow writes UTF-8");
     let finished = Finished { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) };

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use furrow_coordinator::Config;
 use reqwest::{Client, Method, Response, StatusCode};
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, BufReader, Lines};
@@ -42,9 +43,14 @@ impl Server {
 
     /// The same, where workers know it.
     pub(crate) async fn start_at(db: &str, threads: u32, endpoint: &str) -> Self {
-        let threads = threads.to_string();
+        Self::start_with(db, threads, endpoint, Config::DEFAULT_MAX_ATTEMPTS).await
+    }
+
+    /// The same, where so many workers may die of a job.
+    pub(crate) async fn start_with(db: &str, threads: u32, endpoint: &str, max_attempts: u32) -> Self {
+        let (threads, deaths) = (threads.to_string(), max_attempts.to_string());
         let args = ["serve", "--db", db, "--http", "127.0.0.1:0", "--zenoh", endpoint, "--threads", &threads];
-        let mut process = Running::start(&args);
+        let mut process = Running::start(&[&args[..], &["--max-attempts", &deaths]].concat());
         let mut stdout = BufReader::new(process.child.stdout.take().expect("it is piped")).lines();
         let (url, endpoint) = timeout(READY_WITHIN, announced(&mut stdout)).await.expect("furrow serve is not ready");
         let spool = format!("{db}.spool");
