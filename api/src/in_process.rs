@@ -7,7 +7,7 @@ use furrow_coordinator::{Coordinator, Store};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Renew, Renewed, Reply, Report, Welcome};
 use furrow_worker::{Config, Link, LinkError, Summary, Worker, WorkerError};
 use tokio::sync::watch;
-use tokio::task::JoinHandle;
+use tokio::task::{JoinError, JoinHandle};
 use tokio_util::sync::CancellationToken;
 
 /// A worker's link to a coordinator in the same process.
@@ -41,7 +41,7 @@ impl Link for InProcess {
 pub struct Farm {
     coordinator: Coordinator,
     stop: CancellationToken,
-    worker: Option<JoinHandle<Result<Summary, WorkerError>>>,
+    worker: Option<Running>,
 }
 
 impl Farm {
@@ -68,16 +68,19 @@ impl Farm {
         &self.coordinator
     }
 
-    /// Waits until the worker ends by itself, which is a fault: for ever if there is none, or all is well.
-    pub async fn worker_ended(&mut self) -> WorkerEnd {
-        let Some(worker) = &mut self.worker else { return std::future::pending().await };
-        let ended = worker.await;
+    /// Waits until the coordinator or the worker ends by itself, which is a fault: for ever if all is well.
+    pub async fn ended(&mut self) -> FarmEnd {
+        let ended = tokio::select! {
+            () = self.coordinator.ended() => return FarmEnd("coordinator", "its log says why".to_owned()),
+            ended = end_of(&mut self.worker) => ended,
+        };
         self.worker = None;
-        WorkerEnd(match ended {
+        let reason = match ended {
             Ok(Ok(_)) => "it was told to".to_owned(),
             Ok(Err(error)) => error.to_string(),
             Err(error) => error.to_string(),
-        })
+        };
+        FarmEnd("worker", reason)
     }
 
     /// Stops the worker, which hands back what it has not finished, then the coordinator.
@@ -94,7 +97,17 @@ impl Farm {
     }
 }
 
-/// The worker of this process ended by itself, for this reason. The caller gives up.
+type Running = JoinHandle<Result<Summary, WorkerError>>;
+
+/// Waits until the worker ends: for ever if there is none.
+async fn end_of(worker: &mut Option<Running>) -> Result<Result<Summary, WorkerError>, JoinError> {
+    match worker {
+        Some(worker) => worker.await,
+        None => std::future::pending().await,
+    }
+}
+
+/// This part of the process ended by itself, for this reason. The caller gives up.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("the worker of this process ended: {0}")]
-pub struct WorkerEnd(String);
+#[error("the {0} of this process ended: {1}")]
+pub struct FarmEnd(&'static str, String);

@@ -4,6 +4,7 @@
 //! statistics and prints them, [`publication`] puts them beside published values, [`http`] serves all that,
 //! [`cli`] is the command `furrow`, and [`in_process`] joins coordinator and worker without a network.
 
+pub mod bench;
 pub mod cli;
 pub mod http;
 pub mod in_process;

@@ -17,8 +17,34 @@ pub struct Config {
     /// After its start no lease runs out for so long: its workers had nobody to renew with, and what they still run
     /// shall neither be run again elsewhere nor be charged with a death.
     pub leases_hold_for: Duration,
+    /// Which results are computed again.
+    pub verify: Verify,
     /// Where the time comes from.
     pub clock: Clock,
+}
+
+/// Which results are computed again, and by whom.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Verify {
+    /// How many of the results, from 0 to 1. With 0 nothing is computed again, not even a result in dispute.
+    pub share: f64,
+    /// When no other worker was heard of for so long, one verifies its own results.
+    pub alone_after: Duration,
+}
+
+impl Verify {
+    /// The share where a coordinator serves many machines.
+    pub const DEFAULT_SHARE: f64 = 0.01;
+    /// Others have so long to come.
+    pub const ALONE_AFTER: Duration = Duration::from_secs(60);
+    /// Nothing.
+    pub const NOTHING: Self = Self { share: 0.0, alone_after: Self::ALONE_AFTER };
+
+    /// This share of the results.
+    #[must_use]
+    pub const fn share(share: f64) -> Self {
+        Self { share, ..Self::NOTHING }
+    }
 }
 
 impl Config {
@@ -27,11 +53,11 @@ impl Config {
     /// Workers of other processes are back within this time.
     pub const WORKERS_ARE_BACK_WITHIN: Duration = Duration::from_secs(10);
 
-    /// The usual settings for `engine`, whose workers are those of this process.
+    /// The usual settings for `engine`, whose workers are those of this process. Nothing is verified.
     #[must_use]
     pub fn new(engine: EngineId) -> Self {
         let (max_attempts, leases_hold_for) = (Self::DEFAULT_MAX_ATTEMPTS, Duration::ZERO);
-        Self { engine, max_attempts, leases_hold_for, clock: Clock::system() }
+        Self { engine, max_attempts, leases_hold_for, verify: Verify::NOTHING, clock: Clock::system() }
     }
 }
 

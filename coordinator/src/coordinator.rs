@@ -3,22 +3,24 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use furrow_schema::id::{EngineId, SweepId};
+use furrow_schema::id::{EngineId, SweepId, WorkerId};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
 use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::AbortHandle;
 use tokio_util::sync::CancellationToken;
 
-use crate::batch::{Command, Errand};
+use crate::batch::{Absence, Admission, Command, Errand};
 use crate::config::Config;
 use crate::error::StoreError;
-use crate::rate::Rates;
+use crate::store::admission::{Admitted, Request};
 use crate::store::control::Control;
-use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, worker};
+use crate::store::worker::Newcomers;
+use crate::store::{Store, cell, incident, job, runs, submit, sweep, values, verification, worker};
 use crate::validate;
 use crate::view::{
-    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange, WorkerInfo,
+    CellSummary, CellValues, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange,
+    VerificationCounts, WorkerChange, WorkerInfo,
 };
 use crate::writer;
 
@@ -36,11 +38,12 @@ struct Shared {
     store: Store,
     config: Config,
     commands: mpsc::Sender<Command>,
-    rates: Arc<Rates>,
+    rates: writer::WriterRates,
     changed: watch::Receiver<u64>,
+    work: watch::Receiver<u64>,
     stop: CancellationToken,
     stopped: CancellationToken,
-    tasks: [AbortHandle; 2],
+    tasks: Vec<AbortHandle>,
 }
 
 impl Coordinator {
@@ -51,14 +54,30 @@ impl Coordinator {
     #[must_use]
     pub fn start(store: Store, config: Config) -> Self {
         let (commands, queue) = mpsc::channel(QUEUE_LENGTH);
-        let (bell, changed) = watch::channel(0);
-        let rates = Arc::new(Rates::starting_at(config.clock.now_ms()));
+        let ((changes, changed), (hints, work)) = (watch::channel(0), watch::channel(0));
+        let bells = writer::Bells { changed: changes, work: hints };
+        let rates = writer::WriterRates::starting_at(config.clock.now_ms());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
-        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bell);
+        let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), bells);
         let writing = tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
         let house = tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), config.clone()));
-        let tasks = [writing.abort_handle(), house.abort_handle()];
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, stop, stopped, tasks }) }
+        let tasks = vec![writing.abort_handle(), house.abort_handle()];
+        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, work, stop, stopped, tasks }) }
+    }
+
+    /// A coordinator that answers what is asked of a store opened to read, beside the one that changes it. All else is
+    /// refused with [`StoreError::Closed`].
+    ///
+    /// # Panics
+    /// Outside a tokio runtime.
+    #[must_use]
+    pub fn reading(store: Store, config: Config) -> Self {
+        // Nobody receives what is sent into this queue, or rings these bells.
+        let ((commands, _), (_, changed), (_, work)) = (mpsc::channel(1), watch::channel(0), watch::channel(0));
+        let rates = writer::WriterRates::starting_at(config.clock.now_ms());
+        let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
+        tokio::spawn(close_when_asked(store.clone(), stop.clone(), stopped.clone()));
+        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, work, stop, stopped, tasks: Vec::new() }) }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.
@@ -75,10 +94,19 @@ impl Coordinator {
 
     /// A worker presents itself. Its first hello sets its credential.
     pub async fn hello(&self, call: Call<Hello>) -> Reply<Welcome> {
-        if let Err(refusal) = validate::hello(&call.body).and_then(|()| self.same_engine(call.body.engine)) {
+        self.hello_among(call, Newcomers::Welcome).await
+    }
+
+    pub(crate) async fn hello_among(&self, call: Call<Hello>, newcomers: Newcomers) -> Reply<Welcome> {
+        if let Err(refusal) = self.presentable(&call.body) {
             return Reply::Refused(refusal);
         }
-        self.ask(|answer| Command::Hello(call, answer)).await
+        self.ask(|answer| Command::Hello((call, newcomers), answer)).await
+    }
+
+    /// Whether a worker that presents itself so could work here.
+    pub(crate) fn presentable(&self, hello: &Hello) -> Result<(), Refusal> {
+        validate::hello(hello).and_then(|()| self.same_engine(hello.engine))
     }
 
     /// A worker asks for jobs. The same request again gets the same jobs, as far as they are still its own.
@@ -103,6 +131,18 @@ impl Coordinator {
             return Reply::Refused(refusal);
         }
         self.ask(|answer| Command::Renew(call, answer)).await
+    }
+
+    /// A worker seems to be gone: its connection broke, say. If nothing was heard of it since `since_ms` its leases end
+    /// at once, as if they had run out; should it be there after all, its results still count. Otherwise tells when it
+    /// was last heard of [ms since 1970].
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`]: nothing was changed. [`StoreError::Closed`] after a shutdown.
+    pub async fn worker_gone(&self, worker: WorkerId, since_ms: i64) -> Result<Option<i64>, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Absence(Absence { worker, since_ms }, answer)).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
     }
 
     /// Takes a sweep in, all of it or nothing: known jobs are shared, those with a result count at once.
@@ -233,12 +273,61 @@ impl Coordinator {
         runs::with_labels(&self.shared.store, sweep, labels, metric).await
     }
 
-    /// Every worker that said hello, the latest seen first.
+    /// Every worker that said hello or enrolled, the latest seen first.
     ///
     /// # Errors
     /// [`StoreError::Database`] and [`StoreError::Damaged`].
     pub async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
-        worker::list(&self.shared.store).await
+        self.list_workers(None).await
+    }
+
+    /// One worker; none if there is no such worker.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn worker(&self, worker: &WorkerId) -> Result<Option<WorkerInfo>, StoreError> {
+        Ok(self.list_workers(Some(worker)).await?.pop())
+    }
+
+    async fn list_workers(&self, worker: Option<&WorkerId>) -> Result<Vec<WorkerInfo>, StoreError> {
+        let mut workers = worker::list(&self.shared.store, worker).await?;
+        let now_ms = self.now_ms();
+        for worker in &mut workers {
+            worker.rate_per_s = self.shared.rates.workers.per_s(&worker.id, worker.first_seen_ms, now_ms);
+        }
+        Ok(workers)
+    }
+
+    /// Turns a worker away, or lets it in for a time; none if there is no such worker. What a worker that is turned away
+    /// holds is given to others at once; it hears of it with its next question, and ends.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`]: it may be asked again.
+    pub async fn change_worker(
+        &self,
+        worker: &WorkerId,
+        change: WorkerChange,
+    ) -> Result<Option<WorkerInfo>, StoreError> {
+        match self.admission(Request::Change(worker.clone(), change)).await? {
+            Ok(Admitted::Unknown) => Ok(None),
+            _ => self.worker(worker).await,
+        }
+    }
+
+    pub(crate) async fn admission(&self, request: Request) -> Result<Admission, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Admission(request, answer)).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
+    pub(crate) fn store(&self) -> &Store {
+        &self.shared.store
+    }
+
+    /// The time now [ms since 1970].
+    #[must_use]
+    pub fn now_ms(&self) -> i64 {
+        self.shared.config.clock.now_ms()
     }
 
     /// Results that differ from the one on record, newest first, at most `limit`.
@@ -249,10 +338,41 @@ impl Coordinator {
         incident::list(&self.shared.store, limit).await
     }
 
+    /// How many results of its engine were, or are being, verified.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn verifications(&self) -> Result<VerificationCounts, StoreError> {
+        verification::count(&self.shared.store, self.engine()).await
+    }
+
+    /// Whether it has results computed again.
+    #[must_use]
+    pub fn verifies(&self) -> bool {
+        self.shared.config.verify.share > 0.0
+    }
+
+    /// Lets a barred worker have jobs again, once a user knows that it was not at fault or has been mended; false if
+    /// there is no such worker. What was found out about its results stays.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritten`] and [`StoreError::Closed`]: it may be asked again.
+    pub async fn allow(&self, worker: WorkerId) -> Result<bool, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.send(Command::Errand(Errand::Allow(worker, answer))).await?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
     /// A number that grows with every commit that changed something a user can see: wait on it instead of polling.
     #[must_use]
     pub fn changed(&self) -> watch::Receiver<u64> {
         self.shared.changed.clone()
+    }
+
+    /// A number that grows when there may be jobs for idle workers.
+    #[must_use]
+    pub fn work(&self) -> watch::Receiver<u64> {
+        self.shared.work.clone()
     }
 
     /// Expires leases now; a task does so every second anyway.
@@ -268,6 +388,11 @@ impl Coordinator {
     /// Answers what is queued, then closes the database with all of it in one file. Later questions are refused.
     pub async fn shutdown(&self) {
         self.shared.stop.cancel();
+        self.ended().await;
+    }
+
+    /// Waits until it has ended: after a shutdown, or by itself, because its database turned out to be damaged.
+    pub async fn ended(&self) {
         self.shared.stopped.cancelled().await;
     }
 
@@ -283,9 +408,9 @@ impl Coordinator {
     }
 
     fn add_rate(&self, sweep: &mut Sweep) {
-        let now_ms = self.shared.config.clock.now_ms();
+        let now_ms = self.now_ms();
         let left = sweep.queued + sweep.leased;
-        sweep.rate_per_s = self.shared.rates.per_s(sweep.id, sweep.created_ms, now_ms);
+        sweep.rate_per_s = self.shared.rates.sweeps.per_s(&sweep.id, sweep.created_ms, now_ms);
         sweep.eta_s = match sweep.rate_per_s {
             _ if left == 0 => Some(0.0),
             _ if sweep.state == SweepState::Paused => None,
@@ -306,4 +431,10 @@ impl Coordinator {
     async fn send(&self, command: Command) -> Result<(), StoreError> {
         self.shared.commands.send(command).await.map_err(|_| StoreError::Closed)
     }
+}
+
+async fn close_when_asked(store: Store, stop: CancellationToken, stopped: CancellationToken) {
+    let _say_so_when_done = stopped.drop_guard();
+    stop.cancelled().await;
+    store.close().await;
 }

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use furrow_schema::id::{Credential, Digest, EngineId, RequestId, SweepId, WorkerId};
 use furrow_schema::job::{RunRecord, Timings};
 use furrow_schema::protocol::{
-    Call, Claim, HeldJob, Hello, LeasedJob, Leases, Recorded, Renew, Renewed, Report, RunEnd, RunReport,
+    Call, Claim, HeldJob, Hello, LeasedJob, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, RunEnd, RunReport,
 };
 use furrow_schema::sweep::{NewCell, NewSweep, Submitted, Sweep};
 
-use crate::config::{Clock, ClockHand, Config};
+use crate::config::{Clock, ClockHand, Config, Verify};
 use crate::coordinator::Coordinator;
 use crate::store::Store;
 use crate::view::{CellSummary, JobDetail, JobRef};
@@ -29,9 +29,18 @@ impl Bench {
         Self::over(Store::in_memory().await.unwrap())
     }
 
+    /// Verifies a share of the results.
+    pub(crate) async fn verifying(share: f64) -> Self {
+        Self::with(Store::in_memory().await.unwrap(), Verify::share(share))
+    }
+
     pub(crate) fn over(store: Store) -> Self {
+        Self::with(store, Verify::NOTHING)
+    }
+
+    fn with(store: Store, verify: Verify) -> Self {
         let (clock, hand) = Clock::manual(START_MS);
-        let config = Config { clock, ..Config::new(ENGINE) };
+        let config = Config { verify, clock, ..Config::new(ENGINE) };
         Self { coordinator: Coordinator::start(store.clone(), config), store, clock: hand }
     }
 
@@ -136,6 +145,26 @@ impl Worker {
     pub(crate) async fn renew(&self, jobs: &[LeasedJob], running: bool) -> Renewed {
         let held = jobs.iter().map(|job| HeldJob { job: job.job, attempt: job.attempt, running }).collect();
         self.coordinator.renew(self.call(Renew { held })).await.into_result().unwrap()
+    }
+}
+
+impl Worker {
+    /// Claims one job.
+    pub(crate) async fn claim_one(&self) -> LeasedJob {
+        let mut jobs = self.claim(1).await;
+        assert_eq!(jobs.len(), 1, "there is something to do");
+        jobs.remove(0)
+    }
+
+    /// Whether it is served no more.
+    pub(crate) async fn is_barred(&self) -> bool {
+        let renew = self.coordinator.renew(self.call(Renew { held: Vec::new() })).await;
+        matches!(renew, Reply::Refused(Refusal::Barred { .. }))
+    }
+
+    /// Why it gets nothing.
+    pub(crate) async fn refusal(&self) -> Refusal {
+        self.coordinator.claim(self.claim_call(1)).await.into_result().unwrap_err()
     }
 }
 

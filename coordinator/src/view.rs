@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use furrow_schema::id::{CellId, Digest, JobId, JobKey, ScenarioId, SweepId, WorkerId};
+use furrow_schema::id::{CellId, Digest, EngineId, JobId, JobKey, ScenarioId, SweepId, WorkerId};
 use furrow_schema::job::{JobState, Timings};
 
 use crate::moments::Moments;
@@ -176,6 +176,8 @@ pub struct JobDetail {
     pub result: Option<JobResult>,
     /// Further results that differ from the one on record.
     pub incidents: Vec<Incident>,
+    /// Whether and how its result was verified.
+    pub verification: Option<Verification>,
     /// When it was first asked for [ms since 1970].
     pub created_ms: i64,
     /// When it ended [ms since 1970].
@@ -285,16 +287,119 @@ pub struct Incident {
     pub job: JobId,
     /// Whose result is on record.
     pub recorded_worker: WorkerId,
+    /// With which code.
+    pub recorded_engine: EngineId,
     /// The digest on record.
     pub recorded_digest: Digest,
     /// Who sent the other.
     pub other_worker: WorkerId,
+    /// With which code.
+    pub other_engine: EngineId,
     /// The other's digest.
     pub other_digest: Digest,
     /// The other's outcome.
     pub other_outcome: String,
     /// When it came [ms since 1970].
     pub noted_ms: i64,
+    /// Who is right, as far as that was looked into.
+    pub verification: Option<VerificationState>,
+}
+
+/// A result that is, or was, computed again.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Verification {
+    /// Where that stands.
+    pub state: VerificationState,
+    /// The digests that came back, by attempt; those that differ are incidents, too.
+    pub opinions: Vec<Opinion>,
+}
+
+/// A digest that a worker had for a job beside the one on record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Opinion {
+    /// In which handing-out.
+    pub attempt: u32,
+    /// Whose.
+    pub worker: WorkerId,
+    /// What came out.
+    pub digest: Digest,
+    /// When it came [ms since 1970].
+    pub given_ms: i64,
+}
+
+/// Where a verification stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum VerificationState {
+    /// It waits for a worker.
+    Waits,
+    /// A worker is at it.
+    Leased,
+    /// Every digest is the one on record.
+    Agreed,
+    /// Digests differ, and the one on record is right.
+    Upheld,
+    /// Digests differ, and the one on record is wrong. It stays there until a user removes it.
+    Overruled,
+    /// Digests differ, and nobody knows which is right.
+    Undecided,
+    /// Nobody brought it to an end.
+    GivenUp,
+}
+
+impl VerificationState {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Waits, Self::Leased, Self::Agreed, Self::Upheld, Self::Overruled, Self::Undecided, Self::GivenUp];
+
+    /// The word for it: `waits`, `leased`, `agreed`, `upheld`, `overruled`, `undecided` or `given-up`.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Waits => "waits",
+            Self::Leased => "leased",
+            Self::Agreed => "agreed",
+            Self::Upheld => "upheld",
+            Self::Overruled => "overruled",
+            Self::Undecided => "undecided",
+            Self::GivenUp => "given-up",
+        }
+    }
+
+    /// What `word` stands for, if anything.
+    #[must_use]
+    pub fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.as_str() == word)
+    }
+}
+
+/// How many results were, or are being, verified.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct VerificationCounts {
+    /// Those that wait or are at a worker.
+    pub open: u64,
+    /// Those whose digests were all equal.
+    pub agreed: u64,
+    /// Those with another digest, which is wrong.
+    pub upheld: u64,
+    /// Those with another digest, which is right.
+    pub overruled: u64,
+    /// Those with another digest, nobody knows which is right.
+    pub undecided: u64,
+    /// Those that nobody brought to an end.
+    pub given_up: u64,
+}
+
+impl VerificationCounts {
+    pub(crate) fn of(&mut self, state: VerificationState) -> &mut u64 {
+        match state {
+            VerificationState::Waits | VerificationState::Leased => &mut self.open,
+            VerificationState::Agreed => &mut self.agreed,
+            VerificationState::Upheld => &mut self.upheld,
+            VerificationState::Overruled => &mut self.overruled,
+            VerificationState::Undecided => &mut self.undecided,
+            VerificationState::GivenUp => &mut self.given_up,
+        }
+    }
 }
 
 /// A cell with its counts and exact moments.
@@ -362,19 +467,53 @@ pub struct SweepChange {
     pub paused: Option<bool>,
 }
 
-/// A worker that said hello.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// What a user changes about a worker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WorkerChange {
+    /// It is turned away for good; what it holds is given to others at once.
+    Revoke,
+    /// It is let in until then [ms since 1970]; for good if none.
+    Until(Option<i64>),
+}
+
+/// A worker that said hello or enrolled.
+#[derive(Debug, Clone, PartialEq)]
 pub struct WorkerInfo {
     /// The worker.
     pub id: WorkerId,
     /// Its name for people.
     pub name: String,
+    /// The simulation code it ran when it last said hello.
+    pub engine: EngineId,
     /// Runs at a time.
     pub threads: u32,
     /// Jobs it holds.
     pub leased: u64,
-    /// When it first said hello [ms since 1970].
+    /// Results of it that were recorded.
+    pub results: u64,
+    /// Results per second over the last 30 s [1/s]; none while nothing is known.
+    pub rate_per_s: Option<f64>,
+    /// When it first said hello, or enrolled [ms since 1970].
     pub first_seen_ms: i64,
     /// When it last asked for something or renewed, to within 5 s [ms since 1970].
     pub last_seen_ms: i64,
+    /// When it enrolled with a join secret [ms since 1970]; none if its hello was enough.
+    pub enrolled_ms: Option<i64>,
+    /// When its certificate ends [ms since 1970]; it asks for another one before.
+    pub certificate_until_ms: Option<i64>,
+    /// Until when it is let in [ms since 1970]; for good if none.
+    pub until_ms: Option<i64>,
+    /// When it was turned away [ms since 1970].
+    pub revoked_ms: Option<i64>,
+    /// Since when it gets no more jobs, and why.
+    pub barred: Option<Bar>,
+}
+
+/// A worker that computed something wrong gets no more jobs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Bar {
+    /// Since when [ms since 1970].
+    pub since_ms: i64,
+    /// What speaks against it.
+    pub reason: String,
 }

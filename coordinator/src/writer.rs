@@ -2,15 +2,18 @@
 //!
 //! Whatever waits in the queue when a transaction begins goes into it together, so that the cost of a durable
 //! commit is shared; an answer leaves only after the commit. The commands of a batch are put in an order that
-//! favours those who did their work: hellos, results, renewals, then expiry, submissions and claims. If a batch
+//! favours those who did their work: admissions, hellos, results, renewals, then expiry, submissions and claims. If a batch
 //! cannot be written, each of its commands is tried alone: one that the database refuses spoils no other.
 //! What changes many jobs at once is an errand, done in steps between the batches.
 
 mod errands;
+mod heard;
+mod outage;
 
 use std::sync::Arc;
 use std::time::Duration;
 
+use furrow_schema::id::{SweepId, WorkerId};
 use furrow_schema::protocol::{LEASE_MS, RENEW_EVERY_MS, Recorded, Refusal, Reply, Welcome};
 use sqlx::SqliteConnection;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -18,12 +21,16 @@ use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::sync::CancellationToken;
 
 use crate::batch::{Answers, Batch, Command};
-use crate::config::Config;
+use crate::config::{Config, Verify};
 use crate::error::StoreError;
 use crate::rate::Rates;
+use crate::store::claim::Terms;
+use crate::store::result::Aftermath;
 use crate::store::tally::Tally;
-use crate::store::{Store, claim, expiry, renew, result, submit, worker};
+use crate::store::{Store, admission, claim, expiry, renew, result, submit, verification, worker};
 use errands::Errands;
+use heard::Heard;
+use outage::Outage;
 
 /// At most this many commands share a transaction.
 const BATCH_COMMANDS: usize = 256;
@@ -36,13 +43,39 @@ const STANDSTILL_MS: i64 = 5_000;
 pub(crate) struct Writer {
     store: Store,
     config: Config,
-    rates: Arc<Rates>,
-    bell: watch::Sender<u64>,
+    rates: WriterRates,
+    bells: Bells,
+    heard: Heard,
+    outage: Outage,
+}
+
+/// Results of late, counted where they are recorded.
+#[derive(Debug, Clone)]
+pub(crate) struct WriterRates {
+    /// By the sweep that wants them.
+    pub(crate) sweeps: Arc<Rates<SweepId>>,
+    /// By the worker that made them.
+    pub(crate) workers: Arc<Rates<WorkerId>>,
+}
+
+impl WriterRates {
+    /// Nothing was counted before `now_ms`.
+    pub(crate) fn starting_at(now_ms: i64) -> Self {
+        Self { sweeps: Arc::new(Rates::starting_at(now_ms)), workers: Arc::new(Rates::starting_at(now_ms)) }
+    }
+}
+
+/// Rung after commits.
+pub(crate) struct Bells {
+    /// A user could see a difference.
+    pub(crate) changed: watch::Sender<u64>,
+    /// There may be jobs for idle workers.
+    pub(crate) work: watch::Sender<u64>,
 }
 
 impl Writer {
-    pub(crate) fn new(store: Store, config: Config, rates: Arc<Rates>, bell: watch::Sender<u64>) -> Self {
-        Self { store, config, rates, bell }
+    pub(crate) fn new(store: Store, config: Config, rates: WriterRates, bells: Bells) -> Self {
+        Self { store, config, rates, bells, heard: Heard::default(), outage: Outage::default() }
     }
 
     /// Serves the queue until nobody can ask any more or `stop`; then empties it and closes the database.
@@ -64,6 +97,7 @@ impl Writer {
                 first = queue.recv() => first,
                 () = std::future::ready(()), if errands.wait() => {
                     errands.step(&self).await;
+                    self.stop_if_for_good(&stop);
                     continue;
                 }
             };
@@ -80,8 +114,15 @@ impl Writer {
             if errands.wait() {
                 errands.step(&self).await;
             }
+            self.stop_if_for_good(&stop);
         }
         self.store.close().await;
+    }
+
+    fn stop_if_for_good(&self, stop: &CancellationToken) {
+        if self.outage.is_for_good() {
+            stop.cancel();
+        }
     }
 
     async fn serve(&self, batch: Batch) {
@@ -92,61 +133,76 @@ impl Writer {
             Ok(answers) => return self.publish(batch, answers),
             Err(error) => error,
         };
-        if batch.len() == 1 {
-            tracing::error!(error = %failed, "could not write");
-            return batch.refuse(&failed);
+        if batch.len() == 1 || failed.concerns_all() {
+            return self.refuse(batch, &failed);
         }
         tracing::warn!(error = %failed, commands = batch.len(), "could not write a batch; trying its commands alone");
+        let mut failed_for_all = None;
         for single in batch.split() {
+            if let Some(error) = &failed_for_all {
+                self.refuse(single, error);
+                continue;
+            }
             match self.commit(&single).await {
                 Ok(answers) => self.publish(single, answers),
                 Err(error) => {
-                    tracing::error!(%error, "could not write");
-                    single.refuse(&error);
+                    self.refuse(single, &error);
+                    failed_for_all = Some(error).filter(StoreError::concerns_all);
                 }
             }
         }
     }
 
     async fn commit(&self, batch: &Batch) -> Result<Answers, StoreError> {
-        let mut transaction = self.store.writer().begin_with("begin immediate").await?;
-        let answers = self.apply(&mut transaction, batch).await?;
-        transaction.commit().await?;
-        Ok(answers)
+        let mut transaction = self.store.begin().await?;
+        let applied = self.apply(&mut transaction, batch).await;
+        self.store.end(transaction, applied).await
+    }
+
+    fn refuse(&self, batch: Batch, error: &StoreError) {
+        self.outage.note(error, self.config.clock.now_ms());
+        batch.refuse(error);
     }
 
     async fn apply(&self, conn: &mut SqliteConnection, batch: &Batch) -> Result<Answers, StoreError> {
         let now_ms = self.config.clock.now_ms();
         let engine_id = crate::store::engine_id(conn, self.config.engine).await?;
         let mut answers = Answers::default();
-        for (call, _) in &batch.hellos {
+        for (request, _) in &batch.admissions {
+            let answer = admission::answer(conn, request, engine_id, now_ms, &mut answers.tally).await?;
+            answers.admissions.push(Ok(answer));
+        }
+        for ((call, newcomers), _) in &batch.hellos {
             let welcome = Welcome { lease_ms: LEASE_MS, renew_every_ms: RENEW_EVERY_MS };
-            let admitted = worker::hello(conn, call, engine_id, now_ms).await?;
+            let admitted = worker::hello(conn, call, *newcomers, engine_id, now_ms).await?;
             answers.hellos.push(admitted.map_or_else(Reply::Refused, |()| Reply::Ok(welcome)));
         }
-        let known = worker::Known::load(conn, &batch.callers()).await?;
-        answers.results = self.record(conn, batch, &known, engine_id, now_ms, &mut answers.tally).await?;
+        let known = worker::Known::load(conn, &batch.callers(), now_ms).await?;
+        let seen = self.note_heard(batch, &answers.hellos, &known, now_ms);
+        let aftermath;
+        (answers.results, aftermath) = self.record(conn, batch, &known, engine_id, now_ms, &mut answers.tally).await?;
+        let known = if aftermath.barred { worker::Known::load(conn, &batch.callers(), now_ms).await? } else { known };
         for (call, _) in &batch.renewals {
             answers.renewals.push(match known.check(call) {
                 Ok(worker) => Reply::Ok(renew::renew(conn, worker, &call.body, now_ms).await?),
                 Err(refusal) => Reply::Refused(refusal),
             });
         }
-        let expired = self.expire(conn, batch, engine_id, now_ms, &mut answers.tally).await?;
+        let ended = self.expire(conn, batch, engine_id, now_ms, &mut answers).await?;
         answers.tally.write(conn, now_ms).await?;
         for (sweep, _) in &batch.submissions {
             answers.submissions.push(submit::submit(conn, sweep, engine_id, now_ms).await?);
         }
+        let terms = Terms { engine_id, now_ms, verify: self.to_verify(conn, batch).await? };
         for (call, _) in &batch.claims {
             answers.claims.push(match known.check(call) {
-                Ok(worker) => {
-                    Reply::Ok(claim::claim(conn, worker, &call.request, &call.body, engine_id, now_ms).await?)
-                }
+                Ok(worker) => Reply::Ok(claim::claim(conn, worker, &call.request, &call.body, terms).await?),
                 Err(refusal) => Reply::Refused(refusal),
             });
         }
-        worker::seen(conn, &batch.seen(&known), now_ms).await?;
-        answers.visible = answers.changed_something(expired);
+        worker::seen(conn, &seen, now_ms).await?;
+        answers.look_back(ended > 0, batch);
+        answers.work |= aftermath.to_verify;
         Ok(answers)
     }
 
@@ -158,7 +214,7 @@ impl Writer {
         engine_id: i64,
         now_ms: i64,
         tally: &mut Tally,
-    ) -> Result<Vec<Reply<Recorded>>, StoreError> {
+    ) -> Result<(Vec<Reply<Recorded>>, Aftermath), StoreError> {
         let checked: Vec<_> = batch.results.iter().map(|(call, _)| known.check(call)).collect();
         let reports: Vec<_> = batch
             .results
@@ -166,42 +222,85 @@ impl Writer {
             .zip(&checked)
             .filter_map(|((call, _), worker)| Some((*worker.as_ref().ok()?, &call.body)))
             .collect();
-        let mut recorded = result::record(conn, &reports, engine_id, now_ms, tally).await?.into_iter();
+        let share = self.config.verify.share;
+        let (recorded, aftermath) = result::record(conn, &reports, share, engine_id, now_ms, tally).await?;
+        let mut recorded = recorded.into_iter();
         let reply = |worker: Result<i64, Refusal>| match worker {
             Ok(_) => Reply::Ok(recorded.next().expect("every report of a known worker has an answer")),
             Err(refusal) => Reply::Refused(refusal),
         };
-        Ok(checked.into_iter().map(reply).collect())
+        Ok((checked.into_iter().map(reply).collect(), aftermath))
     }
 
+    /// How to verify, if this batch claims and anything is to be verified.
+    async fn to_verify(&self, conn: &mut SqliteConnection, batch: &Batch) -> Result<Option<Verify>, StoreError> {
+        let verify = Some(self.config.verify).filter(|verify| verify.share > 0.0 && !batch.claims.is_empty());
+        Ok(if verify.is_some() && verification::any(conn).await? { verify } else { None })
+    }
+
+    /// Notes who was heard of; the rows of those who asked something but a hello.
+    fn note_heard(&self, batch: &Batch, hellos: &[Reply<Welcome>], known: &worker::Known, now_ms: i64) -> Vec<i64> {
+        let seen = batch.seen(known);
+        let welcome = batch.hellos.iter().zip(hellos).filter(|(_, reply)| matches!(reply, Reply::Ok(_)));
+        let workers = welcome.map(|(((call, _), _), _)| &call.worker).chain(seen.iter().map(|(_, worker)| *worker));
+        self.heard.note(workers, now_ms);
+        seen.into_iter().map(|(row, _)| row).collect()
+    }
+
+    /// Ends leases that ran out, and those of workers that fell silent. Returns how many.
     async fn expire(
         &self,
         conn: &mut SqliteConnection,
         batch: &Batch,
         engine_id: i64,
         now_ms: i64,
-        tally: &mut Tally,
-    ) -> Result<bool, StoreError> {
-        if batch.housekeeping.is_empty() {
-            return Ok(false);
+        answers: &mut Answers,
+    ) -> Result<usize, StoreError> {
+        let max_deaths = self.config.max_attempts;
+        let mut ended = 0;
+        if !batch.housekeeping.is_empty() && !self.outage.leases_hold(now_ms) {
+            let tally = &mut answers.tally;
+            ended += admission::free_ended(conn, engine_id, now_ms, tally).await?;
+            ended += expiry::expire(conn, max_deaths, engine_id, now_ms, tally).await?;
         }
-        Ok(expiry::expire(conn, self.config.max_attempts, engine_id, now_ms, tally).await? > 0)
+        for (absence, _) in &batch.absences {
+            let heard_ms = self.heard.since(absence);
+            if heard_ms.is_none() {
+                let tally = &mut answers.tally;
+                ended += expiry::fell_silent(conn, absence, max_deaths, engine_id, now_ms, tally).await?;
+            }
+            answers.absences.push(Ok(heard_ms));
+        }
+        Ok(ended)
     }
 
+    /// A step of an errand was committed.
     fn ring(&self) {
-        self.bell.send_modify(|generation| *generation += 1);
+        ring(&self.bells.changed);
+        ring(&self.bells.work);
     }
 
     fn publish(&self, batch: Batch, answers: Answers) {
         let now_ms = self.config.clock.now_ms();
         for (sweep, results) in answers.tally.recorded() {
-            self.rates.count(sweep, results, now_ms);
+            self.rates.sweeps.count(sweep, results, now_ms);
+        }
+        for (worker, results) in batch.recorded(&answers) {
+            self.rates.workers.count(worker, results, now_ms);
         }
         if answers.visible {
-            self.ring();
+            self.outage.over();
+            ring(&self.bells.changed);
+        }
+        if answers.work {
+            ring(&self.bells.work);
         }
         batch.answer(answers);
     }
+}
+
+fn ring(bell: &watch::Sender<u64>) {
+    bell.send_modify(|generation| *generation += 1);
 }
 
 /// Asks for housekeeping every second, as long as there is anyone to ask. At first, and after the process stood still

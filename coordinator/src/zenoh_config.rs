@@ -1,23 +1,29 @@
 //! How the coordinator's Zenoh session is set up: where it listens and how workers find it.
 //!
 //! Nothing is reachable that was not asked for: the session listens on the given endpoints alone, connects to
-//! nobody, does not gossip, and answers scouts on the loopback interface only, unless the local network is asked for.
+//! nobody, does not gossip, and answers scouts on the loopback interface only. On a local network it listens on QUIC
+//! with certificates on both sides, answers no scouts, and lets nobody do what a worker has no need to do (`security`).
 
-use std::net::{TcpListener, ToSocketAddrs, UdpSocket};
+use std::net::{IpAddr, SocketAddr, TcpListener, ToSocketAddrs, UdpSocket};
 
 use furrow_schema::protocol::DEFAULT_NAMESPACE;
+use serde_json::{Value, json};
 
+pub use crate::security::LocalNetwork;
 use crate::wire::MAX_PAYLOAD_BYTES;
 
 /// Settings of the Zenoh service.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct ZenohConfig {
-    /// Endpoints to listen on, such as `tcp/127.0.0.1:7447`; port 0 takes any free one.
+    /// Endpoints to listen on, such as `tcp/127.0.0.1:7447`; port 0 takes any free one. `quic/` on a local network,
+    /// `tcp/` and an address of the loopback interface otherwise.
     pub listen: Vec<String>,
     /// Separates coordinators and workers that share a network: one word of letters, digits, `-` and `_`.
     pub namespace: String,
-    /// Who may find the coordinator by scouting.
+    /// Who may find the coordinator by scouting. Nobody on a local network: a join secret says where it is.
     pub scouting: Scouting,
+    /// Serves a local network; none to serve this machine alone.
+    pub local_network: Option<LocalNetwork>,
 }
 
 /// Who is answered when they scout for coordinators. Being found is not being let in.
@@ -27,8 +33,6 @@ pub enum Scouting {
     Off,
     /// Workers on this machine, over its loopback interface.
     ThisMachine,
-    /// Workers on the local network.
-    LocalNetwork,
 }
 
 impl ZenohConfig {
@@ -46,6 +50,7 @@ impl Default for ZenohConfig {
             listen: vec!["tcp/127.0.0.1:0".to_owned()],
             namespace: DEFAULT_NAMESPACE.to_owned(),
             scouting: Scouting::ThisMachine,
+            local_network: None,
         }
     }
 }
@@ -81,12 +86,13 @@ impl From<zenoh::Error> for ZenohError {
 /// A link whose other end is silent for this long is given up \[ms\].
 const LINK_LEASE_MS: u32 = 2_000;
 /// The address by which the loopback interface is named.
-const LOOPBACK: &str = "\"127.0.0.1\"";
+const LOOPBACK: &str = "127.0.0.1";
 
 impl ZenohConfig {
     /// The endpoints with a free port in place of 0, each found free a moment ago.
     pub(crate) fn endpoints(&self) -> Result<Vec<String>, ZenohError> {
-        self.listen.iter().map(|endpoint| with_free_port(endpoint)).collect()
+        let reach = if self.local_network.is_some() { Reach::LocalNetwork } else { Reach::ThisMachine };
+        self.listen.iter().map(|endpoint| with_free_port(endpoint, reach)).collect()
     }
 
     /// Whether the namespace can be a word of a key.
@@ -102,37 +108,48 @@ impl ZenohConfig {
     }
 }
 
-/// What Zenoh is told.
-pub(crate) fn session(endpoints: &[String], scouting: Scouting) -> Result<zenoh::Config, ZenohError> {
+/// What Zenoh is told; `security` on top of it.
+pub(crate) fn session(
+    endpoints: &[String],
+    scouting: Scouting,
+    security: Vec<(&'static str, Value)>,
+) -> Result<zenoh::Config, ZenohError> {
     let mut config = zenoh::Config::default();
-    let endpoints = serde_json::to_string(endpoints).expect("texts are JSON");
-    let lease = LINK_LEASE_MS.to_string();
-    // Room for the largest question and what Zenoh wraps it in.
-    let message = (MAX_PAYLOAD_BYTES + (1 << 20)).to_string();
-    let settings: [(&str, &str); 14] = [
-        ("mode", "\"peer\""),
-        ("listen/endpoints", &endpoints),
-        ("listen/exit_on_failure", "true"),
-        ("listen/timeout_ms", "0"),
-        ("connect/endpoints", "[]"),
-        ("open/return_conditions/connect_scouted", "false"),
-        ("scouting/multicast/enabled", if scouting == Scouting::Off { "false" } else { "true" }),
-        ("scouting/multicast/interface", if scouting == Scouting::LocalNetwork { "\"auto\"" } else { LOOPBACK }),
-        ("scouting/multicast/autoconnect", "[]"),
-        ("scouting/multicast/listen", "true"),
-        ("scouting/gossip/enabled", "false"),
-        ("transport/link/tx/lease", &lease),
-        ("transport/link/rx/max_message_size", &message),
-        ("adminspace/enabled", "false"),
+    let off = scouting == Scouting::Off;
+    let settings = [
+        ("mode", json!("peer")),
+        ("listen/endpoints", json!(endpoints)),
+        ("listen/exit_on_failure", json!(true)),
+        ("listen/timeout_ms", json!(0)),
+        ("connect/endpoints", json!([])),
+        ("open/return_conditions/connect_scouted", json!(false)),
+        ("scouting/multicast/enabled", json!(!off)),
+        ("scouting/multicast/interface", json!(LOOPBACK)),
+        ("scouting/multicast/autoconnect", json!([])),
+        ("scouting/multicast/listen", json!(true)),
+        ("scouting/gossip/enabled", json!(false)),
+        ("transport/link/tx/lease", json!(LINK_LEASE_MS)),
+        // Room for the largest question and what Zenoh wraps it in.
+        ("transport/link/rx/max_message_size", json!(MAX_PAYLOAD_BYTES + (1 << 20))),
+        ("adminspace/enabled", json!(false)),
     ];
-    for (key, value) in settings {
-        config.insert_json5(key, value).map_err(|error| ZenohError::Zenoh(format!("setting `{key}`: {error}")))?;
+    for (key, value) in settings.into_iter().chain(security) {
+        // The value is not repeated: it may be a key.
+        let wrong = |_| ZenohError::Zenoh(format!("it does not take the setting `{key}`"));
+        config.insert_json5(key, &value.to_string()).map_err(wrong)?;
     }
     Ok(config)
 }
 
-/// The endpoint with the port that it will have, if it is free.
-fn with_free_port(endpoint: &str) -> Result<String, ZenohError> {
+/// Who shall reach an endpoint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Reach {
+    ThisMachine,
+    LocalNetwork,
+}
+
+/// The endpoint with the port that it will have, if it is free and of the kind that `reach` calls for.
+fn with_free_port(endpoint: &str, reach: Reach) -> Result<String, ZenohError> {
     let wrong = |reason: String| ZenohError::Endpoint { endpoint: endpoint.to_owned(), reason };
     let (protocol, host, port, rest) = split(endpoint).map_err(wrong)?;
     let bare_host = host.trim_start_matches('[').trim_end_matches(']');
@@ -141,9 +158,10 @@ fn with_free_port(endpoint: &str) -> Result<String, ZenohError> {
         .map_err(|error| wrong(error.to_string()))?
         .next()
         .ok_or_else(|| wrong(format!("`{host}` is no address")))?;
-    let bound = match protocol {
-        "tcp" | "tls" | "ws" => TcpListener::bind(address).and_then(|socket| socket.local_addr()),
-        _ => UdpSocket::bind(address).and_then(|socket| socket.local_addr()),
+    fits(reach, protocol, address, rest).map_err(|reason| wrong(reason.to_owned()))?;
+    let bound = match reach {
+        Reach::ThisMachine => TcpListener::bind(address).and_then(|socket| socket.local_addr()),
+        Reach::LocalNetwork => UdpSocket::bind(address).and_then(|socket| socket.local_addr()),
     };
     let bound = bound.map_err(|error| match error.kind() {
         std::io::ErrorKind::AddrInUse => ZenohError::Busy(endpoint.to_owned()),
@@ -152,8 +170,25 @@ fn with_free_port(endpoint: &str) -> Result<String, ZenohError> {
     Ok(format!("{protocol}/{host}:{}{rest}", bound.port()))
 }
 
+/// Whether it may be listened on.
+fn fits(reach: Reach, protocol: &str, address: SocketAddr, rest: &str) -> Result<(), &'static str> {
+    match reach {
+        Reach::ThisMachine if protocol != "tcp" => Err("without --lan it is tcp/HOST:PORT"),
+        Reach::ThisMachine if !address.ip().is_loopback() => {
+            Err("without --lan only this machine is served (127.0.0.1 or [::1]): anyone who reaches it may work")
+        }
+        Reach::LocalNetwork if protocol != "quic" => {
+            Err("with --lan it is quic/HOST:PORT: nothing else is encrypted and asks for a certificate")
+        }
+        // Certificates are checked against the text of an address, for which Zenoh takes the one with brackets.
+        Reach::LocalNetwork if matches!(address.ip(), IpAddr::V6(_)) => Err("with --lan it is an IPv4 address"),
+        Reach::LocalNetwork if !rest.is_empty() => Err("with --lan nothing may follow the port"),
+        _ => Ok(()),
+    }
+}
+
 /// Protocol, host, port, and what follows: `tcp/[::]:0#iface=eth0`.
-fn split(endpoint: &str) -> Result<(&str, &str, u16, &str), String> {
+pub(crate) fn split(endpoint: &str) -> Result<(&str, &str, u16, &str), String> {
     const FORM: &str = "an endpoint is written `tcp/HOST:PORT` or `quic/HOST:PORT`";
     let (protocol, rest) = endpoint.split_once('/').ok_or(FORM)?;
     if !matches!(protocol, "tcp" | "quic" | "tls" | "udp" | "ws") {
@@ -194,6 +229,20 @@ mod tests {
     }
 
     #[test]
+    fn this_machine_alone_is_served_unless_a_local_network_is_asked_for() {
+        for endpoint in ["tcp/0.0.0.0:0", "tcp/[::]:0", "quic/127.0.0.1:0", "tls/127.0.0.1:0", "udp/127.0.0.1:0"] {
+            let error = ZenohConfig::on(endpoint).endpoints().unwrap_err().to_string();
+            assert!(error.contains(endpoint) && error.contains("--lan"), "{error}");
+        }
+        let lan = |endpoint: &str| with_free_port(endpoint, Reach::LocalNetwork);
+        for endpoint in ["tcp/127.0.0.1:0", "tls/127.0.0.1:0", "quic/[::1]:0", "quic/127.0.0.1:0#enable_mtls=false"] {
+            let error = lan(endpoint).unwrap_err().to_string();
+            assert!(error.contains(endpoint) && error.contains("--lan"), "{error}");
+        }
+        assert!(lan("quic/0.0.0.0:0").is_ok());
+    }
+
+    #[test]
     fn an_endpoint_keeps_its_host_and_parameters() {
         assert_eq!(split("tcp/[::1]:0#iface=lo"), Ok(("tcp", "[::1]", 0, "#iface=lo")));
     }
@@ -208,8 +257,8 @@ mod tests {
 
     #[test]
     fn zenoh_knows_every_setting() {
-        for scouting in [Scouting::Off, Scouting::ThisMachine, Scouting::LocalNetwork] {
-            session(&["tcp/127.0.0.1:1".to_owned()], scouting).unwrap();
+        for scouting in [Scouting::Off, Scouting::ThisMachine] {
+            session(&["tcp/127.0.0.1:1".to_owned()], scouting, Vec::new()).unwrap();
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The coordinator on the network: four queryables, and a token that says it is there.
+//! The coordinator on the network: a queryable a question, a token that says it is there, and an eye on the workers' tokens.
 //!
 //! The keys are those of [`furrow_schema::protocol::key`]. While the service runs it holds the liveliness token
 //! [`furrow_schema::protocol::coordinator_key`]: a worker that knows the namespace asks for the tokens under
@@ -7,20 +7,24 @@
 //! Zenoh's own thread only drops a query into a bounded queue. When that is full the query gets no answer,
 //! which to the worker is an unknown outcome: it asks again later, under the same request.
 
+mod hints;
+mod presence;
+
 use std::sync::Arc;
 
 use furrow_schema::protocol::{Method, coordinator_key, key};
 use futures::{StreamExt, stream};
 use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
+use tokio::task::{AbortHandle, JoinHandle};
 use zenoh::Session;
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::{Query, Queryable};
 
 use crate::coordinator::Coordinator;
+use crate::gate::Gate;
 use crate::zenoh_config::session;
-pub use crate::zenoh_config::{Scouting, ZenohConfig, ZenohError};
+pub use crate::zenoh_config::{LocalNetwork, Scouting, ZenohConfig, ZenohError};
 
 /// Queries that wait to be read.
 const QUEUE_LENGTH: usize = 1_024;
@@ -37,6 +41,8 @@ pub struct ZenohService {
     token: LivelinessToken,
     queryables: Vec<Queryable<()>>,
     answering: JoinHandle<()>,
+    gate: Option<Gate>,
+    beside: [AbortHandle; 2],
 }
 
 /// Brings `coordinator` onto the network. Needs a tokio runtime with several threads.
@@ -45,18 +51,45 @@ pub struct ZenohService {
 /// [`ZenohError`] names the setting or the endpoint that is at fault; nothing is left running.
 pub async fn serve(coordinator: Coordinator, config: ZenohConfig) -> Result<ZenohService, ZenohError> {
     config.check_namespace()?;
-    let (session, endpoints) = open(&config).await?;
+    let (session, endpoints) = open(&coordinator, &config).await?;
+    let gate = config.local_network.as_ref().map(|network| {
+        let reached_at = network.reached_at(&endpoints);
+        Gate::new(coordinator.clone(), network.authority.clone(), config.namespace.clone(), reached_at)
+    });
     let (queue, queries) = mpsc::channel(QUEUE_LENGTH);
     let mut queryables = Vec::new();
-    for method in Method::ALL {
+    for method in if gate.is_some() { &Method::ALL[..] } else { &Method::OF_WORK[..] } {
+        let method = *method;
         let key = key(&config.namespace, coordinator.id(), method);
         queryables.push(declare(&session, &key, method, queue.clone()).await?);
     }
     let token = coordinator_key(&config.namespace, coordinator.id());
-    let answering = tokio::spawn(answer_all(coordinator, queries));
+    let watching = presence::watch(&session, &config.namespace, coordinator.clone()).await?;
+    let hinting = tokio::spawn(hints::give(session.clone(), config.namespace.clone(), coordinator.clone()));
+    let who = gate.clone().map_or_else(|| Answerer::Coordinator(coordinator), Answerer::Gate);
+    let answering = tokio::spawn(answer_all(who, queries));
     let token = session.liveliness().declare_token(token).await?;
     tracing::info!(?endpoints, namespace = config.namespace, "listening for workers");
-    Ok(ZenohService { session, endpoints, token, queryables, answering })
+    let beside = [watching.abort_handle(), hinting.abort_handle()];
+    Ok(ZenohService { session, endpoints, token, queryables, answering, gate, beside })
+}
+
+/// Who answers the network.
+#[derive(Debug)]
+enum Answerer {
+    /// Everybody is on this machine.
+    Coordinator(Coordinator),
+    /// Nobody is let in without having enrolled.
+    Gate(Gate),
+}
+
+impl Answerer {
+    async fn handle(&self, method: Method, payload: &[u8]) -> Vec<u8> {
+        match self {
+            Self::Coordinator(coordinator) => coordinator.handle(method, payload).await,
+            Self::Gate(gate) => gate.handle(method, payload).await,
+        }
+    }
 }
 
 impl ZenohService {
@@ -66,9 +99,16 @@ impl ZenohService {
         &self.endpoints
     }
 
+    /// Who lets workers in, on a local network.
+    #[must_use]
+    pub fn gate(&self) -> Option<&Gate> {
+        self.gate.as_ref()
+    }
+
     /// Withdraws the token, takes no more queries, answers those that came, and closes the session.
     pub async fn close(self) {
-        let Self { session, token, queryables, answering, .. } = self;
+        let Self { session, token, queryables, answering, beside, .. } = self;
+        beside.iter().for_each(AbortHandle::abort);
         let mut failed = token.undeclare().await.err();
         for queryable in queryables {
             failed = queryable.undeclare().await.err().or(failed);
@@ -84,13 +124,18 @@ impl ZenohService {
 }
 
 /// Opens the session, without scouting if this machine cannot do that.
-async fn open(config: &ZenohConfig) -> Result<(Session, Vec<String>), ZenohError> {
-    let mut scouting = config.scouting;
+async fn open(coordinator: &Coordinator, config: &ZenohConfig) -> Result<(Session, Vec<String>), ZenohError> {
+    let network = config.local_network.as_ref();
+    let mut scouting = if network.is_some() { Scouting::Off } else { config.scouting };
     let mut tries = TRIES;
     loop {
         let endpoints = config.endpoints()?;
         tries -= 1;
-        match zenoh::open(session(&endpoints, scouting)?).await {
+        let settings = |network: &LocalNetwork| {
+            network.settings(&endpoints, &config.namespace, coordinator.id(), coordinator.now_ms())
+        };
+        let security = network.map(settings).transpose()?.unwrap_or_default();
+        match zenoh::open(session(&endpoints, scouting, security)?).await {
             Ok(session) => return Ok((session, endpoints)),
             Err(error) if tries == 0 => return Err(error.into()),
             Err(error) if scouting != Scouting::Off => {
@@ -117,16 +162,16 @@ async fn declare(
     Ok(declared.await?)
 }
 
-async fn answer_all(coordinator: Coordinator, queries: mpsc::Receiver<(Method, Query)>) {
-    let coordinator = Arc::new(coordinator);
+async fn answer_all(who: Answerer, queries: mpsc::Receiver<(Method, Query)>) {
+    let who = Arc::new(who);
     stream::unfold(queries, async |mut queries| queries.recv().await.map(|query| (query, queries)))
-        .for_each_concurrent(AT_A_TIME, |(method, query)| answer(coordinator.clone(), method, query))
+        .for_each_concurrent(AT_A_TIME, |(method, query)| answer(who.clone(), method, query))
         .await;
 }
 
-async fn answer(coordinator: Arc<Coordinator>, method: Method, query: Query) {
+async fn answer(who: Arc<Answerer>, method: Method, query: Query) {
     let payload = query.payload().map(|payload| payload.to_bytes()).unwrap_or_default();
-    let reply = coordinator.handle(method, &payload).await;
+    let reply = who.handle(method, &payload).await;
     let sent = query.reply(query.key_expr(), reply).encoding(Encoding::APPLICATION_JSON).await;
     if let Err(error) = sent {
         // The worker is gone, or asked with a pattern; either way it asks again.

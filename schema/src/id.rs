@@ -127,6 +127,11 @@ hash_id!(
     ScenarioHash
 );
 
+hash_id!(
+    /// The public half of an Ed25519 key: a worker's on a local network, or a join secret's.
+    PublicKey
+);
+
 impl JobKey {
     /// The key of `scenario_json` (canonical form) run with `seed` by `engine`.
     ///

@@ -1,12 +1,12 @@
 //! What workers and the coordinator say to each other.
 //!
 //! Four questions, each with one answer that is sent after the commit: `hello`, `claim`, `result` and
-//! `renew`. Every question carries its own id and the worker's credential and may be repeated: the same id
+//! `renew`; on a local network `enrol` comes before them, and `refresh` now and then. Every question carries its own id and the worker's credential and may be repeated: the same id
 //! is the same question, and is answered alike. No answer at all means an unknown outcome: ask again.
 
 use serde::{Deserialize, Serialize};
 
-use crate::id::{Credential, EngineId, JobId, RequestId, ScenarioId, WorkerId};
+use crate::id::{Credential, EngineId, JobId, PublicKey, RequestId, ScenarioId, WorkerId};
 use crate::job::RunRecord;
 
 /// First words of every key, with the protocol's version.
@@ -42,7 +42,22 @@ pub fn coordinator_key(namespace: &str, coordinator: &str) -> String {
     format!("{KEY_PREFIX}/{namespace}/{coordinator}/coordinator")
 }
 
-/// The four questions.
+/// The key of the liveliness token that `worker` holds on its session with `coordinator`.
+///
+/// With `*` for the worker it is the key expression of all of them: the last word is a worker's id. It only tells a
+/// coordinator sooner that a worker died; leases decide.
+#[must_use]
+pub fn worker_key(namespace: &str, coordinator: &str, worker: &str) -> String {
+    format!("{KEY_PREFIX}/{namespace}/{coordinator}/worker/{worker}")
+}
+
+/// The key on which `coordinator` puts an empty hint when there may be jobs for idle workers. It may be lost.
+#[must_use]
+pub fn work_key(namespace: &str, coordinator: &str) -> String {
+    format!("{KEY_PREFIX}/{namespace}/{coordinator}/hint/work")
+}
+
+/// The questions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Method {
     /// Who I am: [`Hello`], answered by [`Welcome`].
@@ -53,11 +68,17 @@ pub enum Method {
     Result,
     /// I am still at it: [`Renew`], answered by [`Renewed`].
     Renew,
+    /// Let me in: [`Enrol`], answered by [`Enrolled`]. On local networks only.
+    Enrol,
+    /// My certificate ends soon: [`Refresh`], answered by [`Certificate`]. On local networks only.
+    Refresh,
 }
 
 impl Method {
-    /// All four.
-    pub const ALL: [Self; 4] = [Self::Hello, Self::Claim, Self::Result, Self::Renew];
+    /// All of them.
+    pub const ALL: [Self; 6] = [Self::Hello, Self::Claim, Self::Result, Self::Renew, Self::Enrol, Self::Refresh];
+    /// The four that every coordinator answers.
+    pub const OF_WORK: [Self; 4] = [Self::Hello, Self::Claim, Self::Result, Self::Renew];
 
     /// The last word of its key.
     #[must_use]
@@ -67,6 +88,8 @@ impl Method {
             Self::Claim => "claim",
             Self::Result => "result",
             Self::Renew => "renew",
+            Self::Enrol => "enrol",
+            Self::Refresh => "refresh",
         }
     }
 }
@@ -79,7 +102,7 @@ pub struct Call<T> {
     pub request: RequestId,
     /// Who asks.
     pub worker: WorkerId,
-    /// The proof, chosen by the worker at its first hello.
+    /// The proof: chosen by the worker at its first hello, or given to it when it was enrolled.
     pub credential: Credential,
     /// What is asked.
     pub body: T,
@@ -126,6 +149,29 @@ pub enum Refusal {
         /// The engine of the worker.
         worker: EngineId,
     },
+    /// Nobody is taken in by a hello here. The worker gives up; its user gives it a join secret.
+    #[error("this worker is not enrolled here: start it with a join secret (--join)")]
+    NotEnrolled,
+    /// Its user was told no. The worker gives up.
+    #[error("this worker was revoked; with another --spool and a join secret it may enrol as a new one")]
+    Revoked,
+    /// It was let in for a time that is over. The worker gives up.
+    #[error(
+        "this worker was let in for a time that is over; with another --spool and a join secret it may enrol as a new one"
+    )]
+    Expired,
+    /// It cannot be enrolled. The worker gives up; its user gets another join secret, or none.
+    #[error("not enrolled: {detail}")]
+    Enrolment {
+        /// Why not.
+        detail: String,
+    },
+    /// Other machines had another result than this worker. The worker ends; a user finds out why.
+    #[error("this worker is barred: {detail}")]
+    Barred {
+        /// What speaks against it.
+        detail: String,
+    },
     /// The question could not be read or breaks a limit. The worker reports it as a fault of its own.
     #[error("malformed request: {detail}")]
     Malformed {
@@ -138,6 +184,14 @@ pub enum Refusal {
         /// What is wrong with it.
         detail: String,
     },
+}
+
+impl Refusal {
+    /// Whether the coordinator will not have this worker, whatever it asks.
+    #[must_use]
+    pub fn turns_away(&self) -> bool {
+        matches!(self, Self::BadCredential | Self::NotEnrolled | Self::Revoked | Self::Expired | Self::Barred { .. })
+    }
 }
 
 /// A worker presents itself. Repeated after every reconnection.
@@ -160,6 +214,54 @@ pub struct Welcome {
     pub lease_ms: i64,
     /// Renew this often \[ms\].
     pub renew_every_ms: u64,
+}
+
+/// A worker asks to be taken in, on the word of a join secret.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Enrol {
+    /// How it presents itself.
+    pub hello: Hello,
+    /// Its own key; nobody else has the private half.
+    pub public_key: PublicKey,
+    /// The join secret's key.
+    pub join: PublicKey,
+    /// The join secret's signature under [`enrolment_statement`], as 128 hexadecimal digits.
+    pub signature: String,
+    /// The same with the worker's own key: that it has it.
+    pub proof: String,
+}
+
+/// What both keys sign: that this worker may come in at this coordinator with this key. Whoever overhears
+/// it can do nothing else with it.
+#[must_use]
+pub fn enrolment_statement(coordinator: &str, worker: &WorkerId, public_key: PublicKey) -> Vec<u8> {
+    format!("furrow/v1 enrol {coordinator} {worker} {public_key}").into_bytes()
+}
+
+/// The answer to an enrolment; asked again with the same key it is the same.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Enrolled {
+    /// What lets it connect.
+    pub certificate: Certificate,
+    /// What every further question must carry.
+    pub credential: Credential,
+}
+
+/// A worker asks for a new certificate in place of one that ends soon.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Refresh {}
+
+/// A worker's certificate, for the key it enrolled with.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Certificate {
+    /// The certificate (PEM).
+    pub pem: String,
+    /// When it ends [ms since 1970].
+    pub until_ms: i64,
 }
 
 /// A worker asks for jobs.
@@ -298,6 +400,8 @@ mod tests {
     fn keys_hold_version_namespace_and_coordinator() {
         assert_eq!(key("default", "c0ffee", Method::Claim), "furrow/v1/default/c0ffee/claim");
         assert_eq!(coordinator_key("default", "c0ffee"), "furrow/v1/default/c0ffee/coordinator");
+        assert_eq!(worker_key("default", "c0ffee", "*"), "furrow/v1/default/c0ffee/worker/*");
+        assert_eq!(work_key("default", "c0ffee"), "furrow/v1/default/c0ffee/work");
     }
 
     #[test]
@@ -319,6 +423,7 @@ mod tests {
             let _ = serde_json::from_slice::<Call<Report>>(&bytes);
             let _ = serde_json::from_slice::<Call<Renew>>(&bytes);
             let _ = serde_json::from_slice::<Call<Hello>>(&bytes);
+            let _ = serde_json::from_slice::<Call<Enrol>>(&bytes);
         }
     }
 }

@@ -97,6 +97,8 @@ pub struct Sweep {
     pub cancelled: u64,
     /// Of the jobs done, those whose result was there at submission.
     pub cached: u64,
+    /// Of the jobs done, those whose result on record is in doubt: other workers had another one.
+    pub disputed: u64,
     /// Results recorded per second over the last 30 s [1/s]; null while nothing is known.
     pub rate_per_s: Option<f64>,
     /// Time left at that rate \[s\]; null while nothing is known, 0 when nothing is left.

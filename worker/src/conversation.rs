@@ -92,12 +92,16 @@ impl Conversation {
 
     /// Asks once; nothing if there was no answer that helps. A coordinator that does not know the worker (any more)
     /// hears its hello, for the next time.
-    pub(crate) async fn ask_once<Q: Question>(&self, body: Q) -> Option<Q::Answer> {
-        let answer = self.put(self.call(body)).await.ok()?;
-        if matches!(answer, Reply::Refused(Refusal::UnknownWorker)) {
-            self.introduce().await;
+    ///
+    /// # Errors
+    /// The refusal of a coordinator that turned the worker away.
+    pub(crate) async fn ask_once<Q: Question>(&self, body: Q) -> Result<Option<Q::Answer>, Refusal> {
+        match self.put(self.call(body)).await {
+            Ok(Reply::Ok(answer)) => Ok(Some(answer)),
+            Ok(Reply::Refused(Refusal::UnknownWorker)) => self.introduce().await.map(|_| None),
+            Ok(Reply::Refused(refusal)) if refusal.turns_away() => Err(refusal),
+            Ok(Reply::Refused(_)) | Err(_) => Ok(None),
         }
-        answer.into_result().ok()
     }
 
     /// Asks, with pauses, until there is an answer or a reason to stop. A coordinator that does not know the
@@ -117,7 +121,7 @@ impl Conversation {
                     log_end_of_trouble(troubled);
                     return Ok(answer);
                 }
-                Ok(Reply::Refused(Refusal::UnknownWorker)) => self.introduce().await,
+                Ok(Reply::Refused(Refusal::UnknownWorker)) => self.introduce().await.map_err(AskError::Refused)?,
                 Ok(Reply::Refused(refusal @ Refusal::Unavailable { .. })) => refusal.to_string(),
                 Ok(Reply::Refused(refusal)) => return Err(AskError::Refused(refusal)),
                 Err(LinkError::Closed) => return Err(AskError::Closed),
@@ -144,10 +148,16 @@ impl Conversation {
         answer
     }
 
-    /// A failed introduction shows when the question is asked again.
-    async fn introduce(&self) -> String {
-        let hello = self.put(self.call(self.hello.clone())).await;
-        format!("the worker presented itself again: {}", if hello.is_ok() { "answered" } else { "no answer" })
+    /// Says how it went. A failed introduction shows when the question is asked again, but one that turns the worker away
+    /// is an error.
+    async fn introduce(&self) -> Result<String, Refusal> {
+        match self.put(self.call(self.hello.clone())).await {
+            Ok(Reply::Refused(refusal)) if refusal.turns_away() => Err(refusal),
+            hello => {
+                let answered = if hello.is_ok() { "answered" } else { "no answer" };
+                Ok(format!("the worker presented itself again: {answered}"))
+            }
+        }
     }
 
     fn call<Q>(&self, body: Q) -> Call<Q> {

@@ -5,12 +5,14 @@
 //! running and finished runs; `pool` empties the board on all cores; `claims`, `reports` and `renewals` are the three
 //! conversations that go on meanwhile; [`spool`] keeps finished runs on disk until they are acknowledged, and
 //! `spooling` is how they get there; [`runner`] is one run, with its stopwatch ([`timing`]) and its recorder
-//! ([`trajectory`]). [`replay`] runs a finished job again to see its path. With a [`Pace`] a worker lives in simulated time.
+//! ([`trajectory`]). [`lan`] is how a worker gets in at a coordinator on a local network. [`replay`] runs a finished job
+//! again to see its path. With a [`Pace`] a worker lives in simulated time.
 
 mod backoff;
 mod board;
 mod claims;
 mod conversation;
+pub mod lan;
 pub mod link;
 pub mod pace;
 mod pool;

@@ -27,6 +27,8 @@ use serde::{Deserialize, Serialize};
 use folder::Folder;
 pub use folder::{Identity, default_place};
 
+use crate::lan::Enrolment;
+
 /// The records.
 const RUNS: &str = "runs";
 /// What was found between records and is none, end to end.
@@ -96,6 +98,7 @@ struct Span {
 pub struct Spool {
     folder: Folder,
     identity: Identity,
+    enrolment: Option<Enrolment>,
     engine: EngineId,
     limit_bytes: u64,
     file: File,
@@ -117,12 +120,12 @@ impl Spool {
     /// [`SpoolError::Folder`] and [`SpoolError::Disk`].
     pub fn open(place: &Path, engine: EngineId, limit_bytes: u64) -> Result<Self, SpoolError> {
         let folder = Folder::take(place)?;
-        let identity = folder.identity()?;
+        let (identity, enrolment) = (folder.identity()?, folder.enrolment()?);
         let mut file = folder.open(RUNS)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes)?;
         let (live, live_bytes) = (BTreeMap::new(), 0);
-        let mut spool = Self { folder, identity, engine, limit_bytes, file, length: 0, live, live_bytes };
+        let mut spool = Self { folder, identity, enrolment, engine, limit_bytes, file, length: 0, live, live_bytes };
         spool.take_in(&bytes)?;
         if !spool.live.is_empty() {
             tracing::info!(runs = spool.live.len(), "the spool holds runs that were not acknowledged");
@@ -134,6 +137,38 @@ impl Spool {
     #[must_use]
     pub fn identity(&self) -> &Identity {
         &self.identity
+    }
+
+    /// Who it is at `coordinator`: one that it enrolled at gave it another secret.
+    #[must_use]
+    pub fn identity_at(&self, coordinator: &str) -> Identity {
+        let enrolled = self.enrolment.as_ref().filter(|enrolment| enrolment.coordinator == coordinator);
+        let credential = enrolled.map_or(&self.identity.credential, |enrolment| &enrolment.credential);
+        Identity { worker: self.identity.worker.clone(), credential: credential.clone() }
+    }
+
+    /// What it has from the coordinator that it enrolled at, if any.
+    #[must_use]
+    pub fn enrolment(&self) -> Option<&Enrolment> {
+        self.enrolment.as_ref()
+    }
+
+    /// Keeps what it has from a coordinator, in place of what it had.
+    ///
+    /// # Errors
+    /// [`SpoolError::Disk`]: it has what it had before.
+    pub fn keep_enrolment(&mut self, enrolment: Enrolment) -> Result<(), SpoolError> {
+        self.folder.keep_enrolment(&enrolment)?;
+        self.enrolment = Some(enrolment);
+        Ok(())
+    }
+
+    /// Its private key (PEM), drawn when it is first asked for. It is the same at all coordinators.
+    ///
+    /// # Errors
+    /// [`SpoolError::Disk`].
+    pub fn key_pem(&self) -> Result<String, SpoolError> {
+        Ok(self.folder.key_pem()?)
     }
 
     /// Its own folder.

@@ -40,6 +40,13 @@ impl Config {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         Self { name, threads, engine: EngineId(furrow_sim::engine::id()) }
     }
+
+    /// How such a worker presents itself.
+    #[must_use]
+    pub fn hello(&self) -> Hello {
+        let threads = u32::try_from(self.threads.max(1)).unwrap_or(u32::MAX);
+        Hello { name: self.name.clone(), engine: self.engine, threads }
+    }
 }
 
 /// What a worker did in its life.
@@ -124,7 +131,7 @@ impl<R: Runner> Worker<R> {
     /// is the one of that folder. Without it they are lost with the process.
     #[must_use]
     pub fn spooling(mut self, spool: Arc<Mutex<Spool>>, coordinator: &str) -> Self {
-        self.identity = spool.lock().unwrap_or_else(PoisonError::into_inner).identity().clone();
+        self.identity = spool.lock().unwrap_or_else(PoisonError::into_inner).identity_at(coordinator);
         self.spool = Some(OpenSpool::new(spool, coordinator));
         self
     }
@@ -153,7 +160,7 @@ impl<R: Runner> Worker<R> {
         let shared = Arc::new(Shared::new(self.config.threads, self.spool.is_some()));
         let pool = self.pool(&shared)?;
         let shares = self.pace.as_ref().map_or_else(Pace::drawn_shares, |pace| Arc::clone(&pace.shares));
-        let conversation = Conversation::new(Arc::clone(&self.link), self.identity.clone(), self.hello(), shares);
+        let conversation = Conversation::new(Arc::clone(&self.link), self.identity.clone(), self.config.hello(), shares);
         let welcome = match conversation.say_hello(&stop).await {
             Ok(welcome) => welcome,
             Err(AskError::GivenUp) => return Ok(Summary::default()),
@@ -168,7 +175,11 @@ impl<R: Runner> Worker<R> {
         summary += tokio::select! {
             biased;
             ended = self.converse(&conversation, &shared, &pool, &stop) => ended?,
-            () = renewals => Summary::default(),
+            refusal = renewals => {
+                shared.board().close();
+                shared.ring_ended();
+                return Err(WorkerError::Refused(refusal));
+            }
         };
         tracing::info!(worker = %self.id(), done = summary.done, handed_back = summary.handed_back, "worker stopped");
         Ok(summary)
@@ -181,11 +192,6 @@ impl<R: Runner> Worker<R> {
             None => Pool::new(self.config.threads, shared, runner)
                 .map_err(|error| WorkerError::NoThreads(error.to_string())),
         }
-    }
-
-    fn hello(&self) -> Hello {
-        let threads = u32::try_from(self.config.threads.max(1)).unwrap_or(u32::MAX);
-        Hello { name: self.config.name.clone(), engine: self.config.engine, threads }
     }
 
     /// Claims and reports until everything is said; the first refusal stops the other side, too.

@@ -9,6 +9,7 @@
 //! for again; meanwhile another one is not taken for it before all leases of the old one ran out.
 
 mod discovery;
+mod life;
 mod session;
 
 use std::time::Duration;
@@ -16,23 +17,26 @@ use std::time::Duration;
 use async_trait::async_trait;
 use furrow_schema::id::WorkerId;
 use furrow_schema::protocol::{
-    Call, Claim, DEFAULT_NAMESPACE, Hello, LEASE_MS, Leases, Method, Recorded, Renew, Renewed, Reply, Report, Welcome,
-    key,
+    Call, Certificate, Claim, DEFAULT_NAMESPACE, Hello, LEASE_MS, Leases, Method, Recorded, Refresh, Renew, Renewed,
+    Reply, Report, Welcome, key,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use tokio::sync::Mutex;
+use tokio::sync::{Mutex, watch};
 use tokio::time::Instant;
 use zenoh::Session;
-use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
 
+use crate::lan::{Certificates, Enrolment};
 use crate::link::{Link, LinkError};
+use life::Life;
 
 /// A question is given up after this long. A coordinator that is busy with a large submission needs some of it.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(10);
 /// How long [`ZenohLink::connect`] looks for a coordinator, unless told otherwise.
 const DEFAULT_PATIENCE: Duration = Duration::from_secs(5);
+/// The same for one on a local network, which may have several addresses.
+const NETWORK_PATIENCE: Duration = Duration::from_secs(20);
 /// A coordinator that was found by scouting is waited for so long before another one is taken: by then nothing that it
 /// handed out is this worker's any more.
 const FAITHFUL_FOR: Duration = Duration::from_millis(LEASE_MS.unsigned_abs());
@@ -44,15 +48,32 @@ pub struct ConnectConfig {
     pub endpoint: Option<String>,
     /// The namespace it serves.
     pub namespace: String,
-    /// Whether to search the local network; otherwise only this machine.
-    pub lan: bool,
+    /// The certificates with which to connect to a coordinator on a local network; none for one on this machine.
+    pub certificates: Option<Certificates>,
+    /// Where that coordinator listens, if no endpoint is given: one of these.
+    pub known: Vec<String>,
     /// How long to look for it; none to wait for ever.
     pub patience: Option<Duration>,
 }
 
 impl Default for ConnectConfig {
     fn default() -> Self {
-        Self { endpoint: None, namespace: DEFAULT_NAMESPACE.to_owned(), lan: false, patience: Some(DEFAULT_PATIENCE) }
+        let (namespace, patience) = (DEFAULT_NAMESPACE.to_owned(), Some(DEFAULT_PATIENCE));
+        Self { endpoint: None, namespace, certificates: None, known: Vec::new(), patience }
+    }
+}
+
+impl ConnectConfig {
+    /// How an enrolled worker with this key (PEM) reaches its coordinator.
+    #[must_use]
+    pub fn enrolled(enrolment: &Enrolment, key_pem: &str) -> Self {
+        Self {
+            namespace: enrolment.namespace.clone(),
+            certificates: Some(Certificates::of_worker(enrolment, key_pem)),
+            known: enrolment.endpoints.clone(),
+            patience: Some(NETWORK_PATIENCE),
+            ..Self::default()
+        }
     }
 }
 
@@ -76,7 +97,7 @@ pub enum ConnectError {
         endpoints: Vec<String>,
     },
     /// The endpoint is not one. The caller corrects it.
-    #[error("--connect: `{endpoint}` is not an endpoint, expected tcp/HOST:PORT: {reason}")]
+    #[error("--connect: `{endpoint}` is not an endpoint, expected tcp/HOST:PORT or quic/HOST:PORT: {reason}")]
     BadEndpoint {
         /// As it was given.
         endpoint: String,
@@ -93,19 +114,22 @@ pub enum ConnectError {
 
 /// A link to one coordinator. After a break it connects again by itself, wherever the coordinator is then.
 pub struct ZenohLink {
-    config: ConnectConfig,
+    namespace: String,
     coordinator: String,
     faithful_for: Duration,
+    /// Changes when the coordinator hints at new work.
+    work: watch::Sender<u64>,
     state: Mutex<State>,
 }
 
 /// How the coordinator is reached.
 struct State {
+    config: ConnectConfig,
     session: Session,
     /// Since when questions have no answer: the coordinator may be elsewhere, or another in its place.
     away_since: Option<Instant>,
-    /// Tells the coordinator at once when this process dies.
-    token: Option<(WorkerId, LivelinessToken)>,
+    /// Tells the coordinator at once when this process dies, and hears its hints.
+    life: Option<Life>,
 }
 
 impl ZenohLink {
@@ -116,8 +140,10 @@ impl ZenohLink {
     pub async fn connect(config: ConnectConfig) -> Result<Self, ConnectError> {
         let found = discovery::find(&config).await?;
         tracing::info!(endpoint = found.endpoint, coordinator = found.coordinator, "connected");
-        let state = Mutex::new(State { session: found.session, away_since: None, token: None });
-        Ok(Self { config, coordinator: found.coordinator, faithful_for: FAITHFUL_FOR, state })
+        let namespace = config.namespace.clone();
+        let state = Mutex::new(State { config, session: found.session, away_since: None, life: None });
+        let work = watch::Sender::new(0);
+        Ok(Self { namespace, coordinator: found.coordinator, faithful_for: FAITHFUL_FOR, work, state })
     }
 
     /// The coordinator's id.
@@ -130,8 +156,31 @@ impl ZenohLink {
     /// later.
     pub async fn close(&self) {
         let mut state = self.state.lock().await;
-        state.token = None;
+        state.life = None;
         close(&state.session).await;
+    }
+
+    /// Asks for the worker's next certificate.
+    ///
+    /// # Errors
+    /// See [`LinkError`].
+    pub async fn refresh(&self, call: &Call<Refresh>) -> Result<Reply<Certificate>, LinkError> {
+        self.ask(Method::Refresh, call).await
+    }
+
+    /// Connects with other certificates from now on. If that fails the old connection stays; the next process uses them.
+    pub(crate) async fn go_on_with(&self, certificates: Certificates) {
+        let config = {
+            let mut state = self.state.lock().await;
+            state.config.certificates = Some(certificates);
+            state.config.clone()
+        };
+        match discovery::find(&config).await {
+            Ok(found) if found.coordinator == self.coordinator => {
+                self.move_to(found, &mut *self.state.lock().await).await;
+            }
+            Ok(_) | Err(_) => tracing::warn!("cannot connect with the new certificate"),
+        }
     }
 
     async fn ask<Q: Serialize, A: DeserializeOwned>(
@@ -140,7 +189,7 @@ impl ZenohLink {
         call: &Call<Q>,
     ) -> Result<Reply<A>, LinkError> {
         let session = self.sure_session().await?;
-        let answer = query(&session, &key(&self.config.namespace, &self.coordinator, method), call).await;
+        let answer = query(&session, &key(&self.namespace, &self.coordinator, method), call).await;
         if matches!(answer, Err(LinkError::NoAnswer(_))) {
             self.state.lock().await.away_since.get_or_insert_with(Instant::now);
         }
@@ -161,13 +210,13 @@ impl ZenohLink {
 
     /// Looks for the coordinator where it was, and elsewhere if that is how it was found.
     async fn look(&self, state: &mut State, since: Instant) -> Result<(), LinkError> {
-        let here = session::coordinators(&state.session, &self.config.namespace).await;
+        let here = session::coordinators(&state.session, &self.namespace).await;
         if here.contains(&self.coordinator) {
             state.away_since = None;
         } else if let Some(other) = here.into_iter().next() {
             return Err(LinkError::OtherCoordinator(other));
-        } else if self.config.endpoint.is_none() {
-            let mut others = discovery::scouted(&self.config).await;
+        } else if state.config.endpoint.is_none() {
+            let mut others = discovery::elsewhere(&state.config).await;
             if let Some(own) = others.iter().position(|found| found.coordinator == self.coordinator) {
                 self.move_to(others.swap_remove(own), state).await;
             } else if let ([other], true) = (others.as_slice(), since.elapsed() >= self.faithful_for) {
@@ -179,23 +228,23 @@ impl ZenohLink {
 
     /// Goes on where the coordinator is now.
     async fn move_to(&self, found: discovery::Found, state: &mut State) {
-        tracing::info!(endpoint = found.endpoint, coordinator = self.coordinator, "the coordinator is elsewhere now");
+        tracing::info!(endpoint = found.endpoint, coordinator = self.coordinator, "going on over another connection");
         let old = std::mem::replace(&mut state.session, found.session);
         state.away_since = None;
-        if let Some((worker, _)) = state.token.take() {
-            self.show_life(&worker, state).await;
+        if let Some(life) = state.life.take() {
+            self.show_life(&life.worker, state).await;
         }
         tokio::spawn(async move { close(&old).await });
     }
 
     /// Shows the coordinator that the worker lives, for as long as this link does.
     async fn show_life(&self, worker: &WorkerId, state: &mut State) {
-        if state.token.as_ref().is_some_and(|(shown, _)| shown == worker) {
+        if state.life.as_ref().is_some_and(|life| &life.worker == worker) {
             return;
         }
-        let key = session::worker_key(&self.config.namespace, &self.coordinator, worker);
-        match state.session.liveliness().declare_token(key).await {
-            Ok(token) => state.token = Some((worker.clone(), token)),
+        let bell = self.work.clone();
+        match Life::show(&state.session, &self.namespace, &self.coordinator, worker, bell).await {
+            Ok(life) => state.life = Some(life),
             Err(error) => tracing::warn!(%error, "the coordinator will notice this worker's end only by its leases"),
         }
     }
@@ -207,7 +256,13 @@ async fn close(session: &Session) {
     }
 }
 
-async fn query<Q: Serialize, A: DeserializeOwned>(
+/// Opens a session with the first of these endpoints where somebody is, over QUIC.
+pub(crate) async fn open_any(endpoints: &[String], certificates: &Certificates) -> Result<Session, ConnectError> {
+    discovery::open_first(endpoints, Some(certificates)).await.map(|(session, _)| session)
+}
+
+/// Puts one question, and reads its one answer.
+pub(crate) async fn query<Q: Serialize, A: DeserializeOwned>(
     session: &Session,
     key: &str,
     call: &Call<Q>,
@@ -250,6 +305,10 @@ impl Link for ZenohLink {
 
     async fn renew(&self, call: Call<Renew>) -> Result<Reply<Renewed>, LinkError> {
         self.ask(Method::Renew, &call).await
+    }
+
+    fn changes(&self) -> Option<watch::Receiver<u64>> {
+        Some(self.work.subscribe())
     }
 }
 

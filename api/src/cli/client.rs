@@ -1,12 +1,12 @@
 //! The way to a server: requests over HTTP, and what its refusals mean for a command.
 //!
-//! A database that no server serves is asked in the same way: this process then serves it to itself, on a free
-//! port of this machine, for as long as the command takes.
+//! A database is asked in the same way without a server: this process then serves it to itself, on a free port of this
+//! machine, for as long as the command takes. To read it a server may be using it, to change it none.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use furrow_coordinator::{Config, Coordinator};
+use furrow_coordinator::{Config, Coordinator, Store};
 use reqwest::{Method, RequestBuilder, Response, Url};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -14,7 +14,6 @@ use tokio::net::TcpListener;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::error::CliError;
-use super::serve::open;
 use crate::http::problem::{MEDIA_TYPE, Problem};
 use crate::http::{self, App};
 
@@ -36,7 +35,7 @@ pub(super) struct Server {
 pub(super) struct Source {
     #[command(flatten)]
     server: Server,
-    /// Use this database instead of asking a server; no server may be using it
+    /// Use this database instead of asking a server; to change it, no server may be using it
     #[arg(long, value_name = "FILE")]
     db: Option<PathBuf>,
 }
@@ -67,20 +66,27 @@ impl Client {
         Ok(Self { http: http.build().map_err(CliError::failed("cannot set up HTTP"))?, base, local: None })
     }
 
+    /// The way to what is only read.
+    ///
     /// # Errors
     /// Bad input: the address is none, or there is no such database.
     pub(super) async fn open(source: &Source) -> Result<Self, CliError> {
-        match &source.db {
-            Some(file) => Self::local(file).await,
-            None => Self::new(&source.server),
-        }
+        let Some(file) = &source.db else { return Self::new(&source.server) };
+        let store = Store::open_to_read(existing(file)?).await?;
+        Self::local(Coordinator::reading(store, Config::new(crate::engine()))).await
     }
 
-    async fn local(file: &Path) -> Result<Self, CliError> {
-        if !file.is_file() {
-            return Err(CliError::BadInput(format!("--db {}: there is no such file", file.display())));
-        }
-        let coordinator = Coordinator::start(open(file).await?, Config::new(crate::engine()));
+    /// The way to what is changed.
+    ///
+    /// # Errors
+    /// Bad input: the address is none, there is no such database, or a server is using it.
+    pub(super) async fn open_to_change(source: &Source) -> Result<Self, CliError> {
+        let Some(file) = &source.db else { return Self::new(&source.server) };
+        let store = Store::open(existing(file)?).await?;
+        Self::local(Coordinator::start(store, Config::new(crate::engine()))).await
+    }
+
+    async fn local(coordinator: Coordinator) -> Result<Self, CliError> {
         let cannot = "cannot open a port of this machine";
         let listener = TcpListener::bind("127.0.0.1:0").await.map_err(CliError::failed(cannot))?;
         let url = format!("http://{}", listener.local_addr().map_err(CliError::failed(cannot))?);
@@ -168,6 +174,11 @@ impl Client {
         let response = request.send().await.map_err(unreachable)?;
         if response.status().is_success() { Ok(response) } else { Err(refused(response).await) }
     }
+}
+
+fn existing(file: &Path) -> Result<&Path, CliError> {
+    let missing = || CliError::BadInput(format!("--db {}: there is no such file", file.display()));
+    if file.exists() { Ok(file) } else { Err(missing()) }
 }
 
 async fn read<T: DeserializeOwned>(response: Response) -> Result<T, CliError> {

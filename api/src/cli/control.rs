@@ -77,7 +77,7 @@ pub(super) async fn retry(args: RetryArgs) -> Result<(), CliError> {
 }
 
 async fn run(target: Target, request: Request) -> Result<(), CliError> {
-    let client = Client::open(&target.source).await?;
+    let client = Client::open_to_change(&target.source).await?;
     let ended = send(&client, &target, request).await;
     client.close().await;
     ended

@@ -74,6 +74,9 @@ impl From<StoreError> for CliError {
             StoreError::Open { .. }
             | StoreError::NotOurs { .. }
             | StoreError::Newer { .. }
+            | StoreError::InUse { .. }
+            | StoreError::Corrupt { .. }
+            | StoreError::Target { .. }
             | StoreError::Ambiguous(_)
             | StoreError::Cancelled(_)
             | StoreError::Conflict { .. }

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use super::client::{Client, Source};
 use super::error::CliError;
 use super::output;
+use crate::http::incidents::IncidentLine;
 use crate::http::jobs::Job;
 
 /// Show one run, or draw it
@@ -54,6 +55,16 @@ fn text(job: &Job) -> String {
     if let (Some(outcome), Some(digest)) = (&job.outcome, job.digest) {
         let _ = writeln!(text, "outcome {outcome}, digest {digest}");
     }
+    if let Some(verification) = &job.verification {
+        let _ = writeln!(text, "verification: {}", in_words(&verification.state));
+        for opinion in &verification.opinions {
+            let _ = writeln!(text, "attempt {} at {}: digest {}", opinion.attempt, opinion.worker, opinion.digest);
+        }
+    }
+    for incident in job.incidents.iter().filter(|_| job.verification.is_none()) {
+        let IncidentLine { other_worker, other_digest, .. } = incident;
+        let _ = writeln!(text, "DISPUTED: {other_worker} has another digest, {other_digest}");
+    }
     for (metric, value) in &job.metrics {
         let _ = writeln!(text, "  {metric} {value}");
     }
@@ -64,7 +75,79 @@ fn text(job: &Job) -> String {
     text.replace(|c: char| c.is_control() && c != '\n', "?")
 }
 
+/// What the state of a verification means for the result.
+fn in_words(state: &str) -> String {
+    let meaning = match state {
+        "waits" | "leased" => "is being computed again",
+        "agreed" => "computed again, with the same digest",
+        "upheld" => "another worker had another digest, which was wrong",
+        "overruled" => "DISPUTED: other workers have another digest, and the one on record is wrong",
+        "undecided" => "DISPUTED: another worker has another digest, and nobody knows which is right",
+        _ => "could not be computed again",
+    };
+    format!("{state}: {meaning}")
+}
+
 fn labels(factors: &BTreeMap<String, String>) -> String {
     let words: Vec<_> = factors.iter().map(|(factor, label)| format!("{factor}={label}")).collect();
     words.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use furrow_schema::id::{Digest, JobId, JobKey, WorkerId};
+    use furrow_schema::job::JobState;
+
+    use super::*;
+    use crate::http::jobs::{AttemptOfJob, OpinionOfJob, VerificationOfJob};
+
+    fn job(state: JobState) -> Job {
+        Job {
+            id: JobId(7),
+            key: JobKey([0xab; 32]),
+            state,
+            seed: 3,
+            priority: 0,
+            cells: Vec::new(),
+            attempts: Vec::new(),
+            outcome: None,
+            digest: None,
+            metrics: BTreeMap::new(),
+            timings: None,
+            recorded: false,
+            incidents: Vec::new(),
+            verification: None,
+            created_ms: 0,
+            ended_ms: None,
+            scenario: serde_json::Value::Null,
+        }
+    }
+
+    #[test]
+    fn a_quarantined_job_says_which_worker_ended_how_and_why() {
+        let worker = WorkerId::random();
+        let attempt = |attempt, end: &str, reason: &str| AttemptOfJob {
+            attempt,
+            worker: worker.clone(),
+            claimed_ms: 0,
+            ended_ms: Some(1),
+            end: end.to_owned(),
+            reason: Some(reason.to_owned()),
+        };
+        let attempts = vec![attempt(1, "panicked", "no\u{1b}[2J row"), attempt(2, "died", "the worker was gone")];
+        let text = text(&Job { attempts, ..job(JobState::Failed) });
+        assert!(text.starts_with("job 7 failed, seed 3\n"), "{text}");
+        assert!(text.contains(&format!("attempt 1 at {worker}: panicked: no?[2J row\n")), "{text}");
+        assert!(text.contains(&format!("attempt 2 at {worker}: died: the worker was gone\n")), "{text}");
+    }
+
+    #[test]
+    fn a_disputed_result_says_so_and_who_had_which_digest() {
+        let worker = WorkerId::random();
+        let opinion = OpinionOfJob { attempt: 2, worker: worker.clone(), digest: Digest([1; 32]), given_ms: 0 };
+        let verification = Some(VerificationOfJob { state: "overruled".to_owned(), opinions: vec![opinion] });
+        let text = text(&Job { verification, ..job(JobState::Done) });
+        assert!(text.contains("verification: overruled: DISPUTED"), "{text}");
+        assert!(text.contains(&format!("attempt 2 at {worker}: digest 0101")), "{text}");
+    }
 }

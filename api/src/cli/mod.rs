@@ -1,9 +1,13 @@
 //! The command `furrow`: a file per subcommand, and [`error`] for how each can end.
 
+mod backup;
+mod bench;
 mod client;
 mod control;
 pub mod error;
 mod job;
+mod join;
+mod lan;
 mod output;
 mod plans;
 mod progress;
@@ -14,8 +18,10 @@ mod status;
 mod stop;
 mod submit;
 mod table;
+mod time;
 mod watch;
 mod work;
+mod workers;
 
 use std::ffi::OsString;
 use std::io::IsTerminal;
@@ -43,6 +49,8 @@ enum Command {
     Run(run::RunArgs),
     Serve(serve::ServeArgs),
     Work(work::WorkArgs),
+    Join(join::JoinArgs),
+    Workers(workers::WorkersArgs),
     Plans(plans::PlansArgs),
     Submit(submit::SubmitArgs),
     Status(status::StatusArgs),
@@ -52,13 +60,15 @@ enum Command {
     Retry(control::RetryArgs),
     Table(table::TableArgs),
     Job(job::JobArgs),
+    Bench(bench::BenchArgs),
+    Backup(backup::BackupArgs),
 }
 
 impl Command {
     /// What is logged unless `FURROW_LOG` says otherwise: services tell what they do, the rest only what is wrong.
     fn default_log(&self) -> &'static str {
         match self {
-            Self::Serve(_) | Self::Work(_) => "info,zenoh=error",
+            Self::Serve(_) | Self::Work(_) => "info,zenoh=error,zenoh_link_commons=error",
             _ => "warn",
         }
     }
@@ -68,6 +78,8 @@ impl Command {
             Self::Run(args) => run::run(args).await,
             Self::Serve(args) => serve::run(args).await,
             Self::Work(args) => work::run(args).await,
+            Self::Join(args) => join::run(args).await,
+            Self::Workers(args) => workers::run(args).await,
             Self::Plans(args) => plans::run(&args),
             Self::Submit(args) => submit::run(args).await,
             Self::Status(args) => status::run(args).await,
@@ -77,6 +89,8 @@ impl Command {
             Self::Retry(args) => control::retry(args).await,
             Self::Table(args) => table::run(args).await,
             Self::Job(args) => job::run(args).await,
+            Self::Bench(args) => bench::run(args).await,
+            Self::Backup(args) => backup::run(args).await,
         }
     }
 }
@@ -145,6 +159,15 @@ mod tests {
             "furrow serve --db x.db --http 127.0.0.1:0 --zenoh tcp/127.0.0.1:0 --threads 0 --max-attempts 3",
             "furrow work --connect tcp/127.0.0.1:7447 --threads 4 --name barn --spool /var/spool --spool-mb 64",
             "furrow work",
+            "furrow serve --db x.db --lan --zenoh quic/0.0.0.0:7447 --lan-name barn.example --join-out secret",
+            "furrow work --join secret --connect quic/192.0.2.2:7447",
+            "furrow work --join -",
+            "furrow join --valid 1h --uses 3 --expires 30d --url http://127.0.0.1:1 --out secret",
+            "furrow join --json",
+            "furrow workers --url http://127.0.0.1:1 --json",
+            "furrow workers revoke 0123456789abcdef0123456789abcdef --db x.db",
+            "furrow workers expire 0123456789abcdef0123456789abcdef --in 7d --json",
+            "furrow workers expire 0123456789abcdef0123456789abcdef --never",
             "furrow plans guyonneau2022/bounds --json",
             "furrow submit guyonneau2022/bounds --url http://127.0.0.1:1 --name night --priority -3 --json",
             "furrow status",
@@ -156,6 +179,10 @@ mod tests {
             "furrow retry 3",
             "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
             "furrow job 12 --svg out.svg --json",
+            "furrow bench queue --jobs 1000 --cells 24 --workers 2 --threads 1 --job-ms 50 --dir /var/tmp --json",
+            "furrow bench queue --one-by-one 8",
+            "furrow submit guyonneau2022/bounds --db x.db",
+            "furrow backup --db x.db --to y.db --json",
         ] {
             parse(line).unwrap_or_else(|error| panic!("{line}: {error}"));
         }
@@ -163,7 +190,16 @@ mod tests {
 
     #[test]
     fn a_wrong_command_line_is_bad_input() {
-        for line in ["furrow", "furrow run", "furrow run p --seeds x", "furrow serve", "furrow grow", "furrow table"] {
+        for line in [
+            "furrow",
+            "furrow workers revoke x",
+            "furrow serve --db x.db --lan-name x",
+            "furrow run",
+            "furrow run p --seeds x",
+            "furrow serve",
+            "furrow grow",
+            "furrow table",
+        ] {
             let error = parse(line).expect_err(line);
             assert!(error.use_stderr(), "{line}");
             let args = line.split_whitespace().map(OsString::from);

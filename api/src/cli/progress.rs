@@ -123,6 +123,7 @@ pub(super) mod tests {
             leased: 0,
             cancelled: 0,
             cached: 0,
+            disputed: 0,
             rate_per_s: Some(2.0),
             eta_s: Some(185.0),
             engine: EngineId([0; 32]),

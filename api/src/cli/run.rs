@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use furrow_coordinator::{Config, Coordinator, Store};
+use furrow_coordinator::{Config, Coordinator, Store, VerificationCounts, Verify};
 use furrow_schema::id::{EngineId, SweepId};
 use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use furrow_schema::table::Cell;
@@ -13,7 +13,7 @@ use tokio_util::sync::CancellationToken;
 use super::error::CliError;
 use super::progress::{Progress, span};
 use super::selection::Selection;
-use super::serve::open;
+use super::serve::{open, share};
 use super::submit::warn;
 use super::{output, stop, threads};
 use crate::http::sweeps::new_sweep;
@@ -46,6 +46,10 @@ pub(super) struct RunArgs {
     /// Store the trajectories
     #[arg(long)]
     record: bool,
+    /// Compute this share of the new results again before the end and compare, from 0 to 1: the same run must give the
+    /// same bits
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
+    verify: f64,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -55,6 +59,7 @@ pub(super) struct RunArgs {
 struct Finished {
     sweep: Sweep,
     cached: u64,
+    verified: VerificationCounts,
     data: SweepData,
     comparisons: Vec<Comparison>,
     wall_s: f64,
@@ -72,7 +77,10 @@ pub(super) async fn run(args: RunArgs) -> Result<(), CliError> {
 
     let stop = stop::on_signals()?;
     let (store, _directory) = database(args.db.as_deref()).await?;
-    let mut farm = Farm::start(store, Config::new(sweep.engine), thread_count(&args));
+    // There is no other worker to wait for.
+    let verify = Verify { share: args.verify, alone_after: Duration::ZERO };
+    let config = Config { verify, ..Config::new(sweep.engine) };
+    let mut farm = Farm::start(store, config, thread_count(&args));
     let ended = finish(&mut farm, sweep, &stop, started).await;
     farm.stop().await;
     let finished = ended?;
@@ -113,15 +121,15 @@ async fn finish(
     let Submitted { id, total, cached, .. } = coordinator.submit(NewSweep { priority, ..sweep }).await?;
     let mut progress = Progress::start(&name, total, cached);
     let ended = tokio::select! {
-        ended = watch(&coordinator, id, &mut progress) => ended,
-        end = farm.worker_ended() => Err(CliError::Failed(end.to_string())),
+        ended = watch_and_verify(&coordinator, id, &mut progress) => ended,
+        end = farm.ended() => Err(CliError::Failed(end.to_string())),
         () = stop.cancelled() => Err(CliError::Stopped),
     };
     progress.finish(started.elapsed().as_secs_f64());
-    let sweep = ended?;
+    let (sweep, verified) = ended?;
     let data = sweep_data(&coordinator, &sweep, &Query::default()).await?;
     let comparisons = comparisons(&coordinator, &sweep, &data).await?;
-    Ok(Finished { sweep, cached, data, comparisons, wall_s: started.elapsed().as_secs_f64() })
+    Ok(Finished { sweep, cached, verified, data, comparisons, wall_s: started.elapsed().as_secs_f64() })
 }
 
 /// The publication's tables in which there is anything of ours.
@@ -163,6 +171,25 @@ async fn watch(coordinator: &Coordinator, id: SweepId, progress: &mut Progress) 
     }
 }
 
+/// The same, and then until every verification has ended.
+async fn watch_and_verify(
+    coordinator: &Coordinator,
+    id: SweepId,
+    progress: &mut Progress,
+) -> Result<(Sweep, VerificationCounts), CliError> {
+    let mut sweep = watch(coordinator, id, progress).await?;
+    let mut changed = coordinator.changed();
+    loop {
+        changed.borrow_and_update();
+        let verified = coordinator.verifications().await?;
+        if verified.open == 0 || !coordinator.verifies() {
+            sweep = coordinator.sweep(id).await?.unwrap_or(sweep);
+            return Ok((sweep, verified));
+        }
+        changed.changed().await.map_err(CliError::failed("the coordinator is gone"))?;
+    }
+}
+
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Summary<'a> {
@@ -192,7 +219,7 @@ fn print_json(finished: &Finished) -> Result<(), CliError> {
 }
 
 fn print_tables(finished: &Finished) -> Result<(), CliError> {
-    let Finished { sweep, cached, data, comparisons, wall_s } = finished;
+    let Finished { sweep, cached, verified, data, comparisons, wall_s } = finished;
     let everything = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
     let metrics = Some(shown(&everything));
     let table = tabulate(data, &Query { metrics, ..Query::default() }).map_err(CliError::failed("no table"))?;
@@ -204,7 +231,13 @@ fn print_tables(finished: &Finished) -> Result<(), CliError> {
         output::line(&format!("\n{hint}"))?;
     }
     let (runs, failed) = (sweep.done, sweep.failed);
-    output::line(&format!("\n{runs} runs, {cached} of them cached, {failed} failed, in {}", span(*wall_s)))
+    output::line(&format!("\n{runs} runs, {cached} of them cached, {failed} failed, in {}", span(*wall_s)))?;
+    match (verified.agreed, sweep.disputed) {
+        (0, 0) => Ok(()),
+        (agreed, disputed) => {
+            output::line(&format!("{agreed} computed again with the same digest, {disputed} disputed"))
+        }
+    }
 }
 
 /// What to do for tables that need measured times; nothing if there are none such.

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use furrow_coordinator::zenoh_service::{self, ZenohConfig};
-use furrow_coordinator::{Config, Store};
+use furrow_coordinator::{Config, Store, Verify};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 use super::error::CliError;
-use super::{output, stop};
+use super::{lan, output, stop};
 use crate::http::{self, App};
 use crate::in_process::Farm;
 
@@ -26,15 +26,30 @@ pub(super) struct ServeArgs {
     /// Where users connect: an address of this machine; port 0 takes a free one
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
-    /// Where workers connect; port 0 takes a free one, which workers on this machine find by themselves
-    #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:0")]
-    zenoh: String,
+    /// Where workers connect: tcp/127.0.0.1:0 if not given, which workers on this machine find by themselves (port 0 is any
+    /// free one); with --lan quic/0.0.0.0:7447, all addresses of this machine
+    #[arg(long, value_name = "ENDPOINT")]
+    zenoh: Option<String>,
+    #[command(flatten)]
+    lan: lan::LanArgs,
     /// Runs at a time in this process; 0 leaves them to `furrow work`
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=super::MAX_THREADS))]
     threads: u64,
     /// Give a job up after this many workers died while it ran there
     #[arg(long, value_name = "N", default_value_t = Config::DEFAULT_MAX_ATTEMPTS, value_parser = clap::value_parser!(u32).range(1..))]
     max_attempts: u32,
+    /// Compute this share of the results again on another worker and compare, from 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = Verify::DEFAULT_SHARE, value_parser = share)]
+    verify: f64,
+}
+
+/// A share as the user gives it.
+///
+/// # Errors
+/// It is not a number from 0 to 1.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    let share = text.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| "a number from 0 to 1 is expected".to_owned())
 }
 
 /// # Errors
@@ -43,13 +58,21 @@ pub(super) async fn run(args: ServeArgs) -> Result<(), CliError> {
     let listener = listen(args.http).await?;
     let stop = stop::on_signals()?;
     let leases_hold_for = Config::WORKERS_ARE_BACK_WITHIN;
-    let config = Config { max_attempts: args.max_attempts, leases_hold_for, ..Config::new(crate::engine()) };
+    let (max_attempts, verify) = (args.max_attempts, Verify::share(args.verify));
+    let config = Config { max_attempts, leases_hold_for, verify, ..Config::new(crate::engine()) };
+    let mut workers = ZenohConfig { local_network: args.lan.network(&args.db, &config)?, ..ZenohConfig::default() };
+    workers.listen = vec![args.zenoh.unwrap_or_else(|| args.lan.default_endpoint().to_owned())];
     let farm = Farm::start(open(&args.db).await?, config, args.threads as usize);
-    serve(listener, &args.zenoh, farm, stop).await
+    serve(listener, workers, &args.lan, farm, stop).await
 }
 
-async fn serve(listener: TcpListener, endpoint: &str, mut farm: Farm, stop: CancellationToken) -> Result<(), CliError> {
-    let config = ZenohConfig { listen: vec![endpoint.to_owned()], ..ZenohConfig::default() };
+async fn serve(
+    listener: TcpListener,
+    config: ZenohConfig,
+    lan: &lan::LanArgs,
+    mut farm: Farm,
+    stop: CancellationToken,
+) -> Result<(), CliError> {
     let service = match zenoh_service::serve(farm.coordinator().clone(), config).await {
         Ok(service) => service,
         Err(error) => {
@@ -58,17 +81,31 @@ async fn serve(listener: TcpListener, endpoint: &str, mut farm: Farm, stop: Canc
         }
     };
     let address = listener.local_addr().map_err(CliError::failed("cannot tell the address"))?;
+    let told = match service.gate() {
+        Some(gate) => lan.tell_first_secret(gate).await,
+        None => Ok(()),
+    };
     // A service outlives whoever read its first lines.
     let _ = announce(&address, service.endpoints());
-    let app = App::new(farm.coordinator().clone());
+    let app = App::new(farm.coordinator().clone()).with_gate(service.gate().cloned());
     let ended = tokio::select! {
+        biased;
+        error = refused(told) => Err(error),
         ended = http::serve(listener, app, stop.clone()) => ended.map_err(CliError::failed("HTTP failed")),
-        end = farm.worker_ended() => Err(CliError::Failed(end.to_string())),
+        end = farm.ended() => Err(CliError::Failed(end.to_string())),
         () = overdue(&stop) => Ok(()),
     };
     service.close().await;
     farm.stop().await;
     ended
+}
+
+/// The error; never, without one.
+async fn refused(outcome: Result<(), CliError>) -> CliError {
+    match outcome {
+        Ok(()) => std::future::pending().await,
+        Err(error) => error,
+    }
 }
 
 /// Requests under way had their time after `stop`.
@@ -111,6 +148,14 @@ mod tests {
             assert!(error.to_string().contains("only this machine"), "{error}");
         }
         assert!(listen("127.0.0.1:0".parse().unwrap()).await.is_ok());
+    }
+
+    #[test]
+    fn a_share_is_a_number_from_0_to_1() {
+        assert_eq!(["0", "0.01", "1"].map(|text| share(text).unwrap()), [0.0, 0.01, 1.0]);
+        for wrong in ["-0.1", "1.01", "NaN", "inf", "1%", ""] {
+            assert!(share(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[tokio::test]

@@ -1,9 +1,9 @@
-//! `furrow submit`: hand a sweep to a server.
+//! `furrow submit`: hand a sweep to a server, or put it into a database.
 
 use furrow_schema::id::RequestId;
 use serde_json::json;
 
-use super::client::{Client, Server};
+use super::client::{Client, Source};
 use super::error::CliError;
 use super::output;
 use super::selection::Selection;
@@ -16,7 +16,7 @@ pub(super) struct SubmitArgs {
     #[command(flatten)]
     selection: Selection,
     #[command(flatten)]
-    server: Server,
+    source: Source,
     /// A name for the sweep instead of the plan's
     #[arg(long)]
     name: Option<String>,
@@ -37,7 +37,13 @@ pub(super) struct SubmitArgs {
 /// # Errors
 /// Bad input, or the server is away or refuses.
 pub(super) async fn run(args: SubmitArgs) -> Result<(), CliError> {
-    let client = Client::new(&args.server)?;
+    let client = Client::open_to_change(&args.source).await?;
+    let ended = submit(&client, args).await;
+    client.close().await;
+    ended
+}
+
+async fn submit(client: &Client, args: SubmitArgs) -> Result<(), CliError> {
     let body = SweepRequest {
         priority: args.priority,
         name: args.name,

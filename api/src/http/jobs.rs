@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use axum::Json;
 use axum::extract::{Path, State};
-use furrow_coordinator::view::{Attempt, Incident, JobCell, JobCursor, JobDetail, JobFilter, JobItem, JobRef};
+use furrow_coordinator::view::{
+    Attempt, JobCell, JobCursor, JobDetail, JobFilter, JobItem, JobRef, Opinion, Verification,
+};
 use furrow_schema::id::{CellId, Digest, JobId, JobKey, SweepId, WorkerId};
 use furrow_schema::job::{JobState, Timings};
 use serde::{Deserialize, Serialize};
@@ -14,6 +16,7 @@ use utoipa_axum::routes;
 
 use super::App;
 use super::extract::Params;
+use super::incidents::IncidentLine;
 use super::problem::Problem;
 
 /// Some jobs of a list.
@@ -82,7 +85,9 @@ pub struct Job {
     /// Whether its trajectory is stored.
     pub recorded: bool,
     /// Further results that differ from the one on record.
-    pub incidents: Vec<IncidentOfJob>,
+    pub incidents: Vec<IncidentLine>,
+    /// Whether and how its result was computed again; null if it was not.
+    pub verification: Option<VerificationOfJob>,
     /// When it was first asked for [ms since 1970].
     pub created_ms: i64,
     /// When it ended [ms since 1970].
@@ -120,20 +125,28 @@ pub struct AttemptOfJob {
     pub reason: Option<String>,
 }
 
-/// A second result that differs from the one on record.
+/// Whether and how a result was computed again by other workers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-pub struct IncidentOfJob {
-    /// Whose result is on record.
-    pub recorded_worker: WorkerId,
-    /// Who sent the other.
-    pub other_worker: WorkerId,
-    /// The other's digest.
+pub struct VerificationOfJob {
+    /// `waits`, `leased`, `agreed`, `upheld` (another digest came and is wrong), `overruled` (another digest came and is
+    /// right: the result on record is wrong), `undecided` or `given-up`.
+    pub state: String,
+    /// The digests that came back, by attempt.
+    pub opinions: Vec<OpinionOfJob>,
+}
+
+/// A digest that a worker had beside the one on record.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct OpinionOfJob {
+    /// In which handing-out.
+    pub attempt: u32,
+    /// Whose.
+    pub worker: WorkerId,
+    /// What came out.
     #[schema(value_type = String)]
-    pub other_digest: Digest,
-    /// The other's outcome.
-    pub other_outcome: String,
+    pub digest: Digest,
     /// When it came [ms since 1970].
-    pub noted_ms: i64,
+    pub given_ms: i64,
 }
 
 pub(super) fn routes() -> OpenApiRouter<App> {
@@ -239,7 +252,8 @@ impl TryFrom<JobDetail> for Job {
             metrics,
             timings,
             recorded,
-            incidents: job.incidents.into_iter().map(IncidentOfJob::from).collect(),
+            incidents: job.incidents.into_iter().map(IncidentLine::from).collect(),
+            verification: job.verification.map(VerificationOfJob::from),
             created_ms: job.created_ms,
             ended_ms: job.ended_ms,
             scenario,
@@ -266,14 +280,11 @@ impl From<Attempt> for AttemptOfJob {
     }
 }
 
-impl From<Incident> for IncidentOfJob {
-    fn from(incident: Incident) -> Self {
-        Self {
-            recorded_worker: incident.recorded_worker,
-            other_worker: incident.other_worker,
-            other_digest: incident.other_digest,
-            other_outcome: incident.other_outcome,
-            noted_ms: incident.noted_ms,
-        }
+impl From<Verification> for VerificationOfJob {
+    fn from(verification: Verification) -> Self {
+        let opinion =
+            |Opinion { attempt, worker, digest, given_ms }| OpinionOfJob { attempt, worker, digest, given_ms };
+        let opinions = verification.opinions.into_iter().map(opinion).collect();
+        Self { state: verification.state.as_str().to_owned(), opinions }
     }
 }

@@ -6,6 +6,7 @@
 
 mod extract;
 pub mod health;
+pub mod incidents;
 pub mod jobs;
 mod layers;
 mod negotiate;
@@ -18,6 +19,7 @@ pub mod sweep_control;
 pub mod sweeps;
 pub mod tables;
 pub mod trajectories;
+pub mod workers;
 
 #[cfg(test)]
 mod tests;
@@ -26,7 +28,7 @@ use std::sync::Arc;
 
 use axum::response::IntoResponse;
 use axum::{Json, Router, routing};
-use furrow_coordinator::Coordinator;
+use furrow_coordinator::{Coordinator, Gate};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use utoipa::OpenApi;
@@ -41,6 +43,7 @@ pub struct App(Arc<Shared>);
 
 struct Shared {
     coordinator: Coordinator,
+    gate: Option<Gate>,
     replays: Replays,
 }
 
@@ -48,11 +51,22 @@ impl App {
     /// The service of `coordinator`.
     #[must_use]
     pub fn new(coordinator: Coordinator) -> Self {
-        Self(Arc::new(Shared { coordinator, replays: Replays::default() }))
+        Self(Arc::new(Shared { coordinator, gate: None, replays: Replays::default() }))
+    }
+
+    /// The same with who lets workers in, where a local network is served.
+    #[must_use]
+    pub fn with_gate(self, gate: Option<Gate>) -> Self {
+        let coordinator = self.coordinator().clone();
+        Self(Arc::new(Shared { coordinator, gate, replays: Replays::default() }))
     }
 
     fn coordinator(&self) -> &Coordinator {
         &self.0.coordinator
+    }
+
+    fn gate(&self) -> Option<&Gate> {
+        self.0.gate.as_ref()
     }
 
     fn replays(&self) -> &Replays {
@@ -71,7 +85,9 @@ fn resources() -> OpenApiRouter<App> {
         .merge(tables::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
+        .merge(incidents::routes())
         .merge(publications::routes())
+        .merge(workers::routes())
         .merge(plans::routes())
         .merge(health::routes())
 }

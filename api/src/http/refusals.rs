@@ -39,6 +39,7 @@ impl From<StoreError> for Problem {
             StoreError::OtherEngine { .. } | StoreError::Cancelled(_) => {
                 Self::new(StatusCode::CONFLICT, error.to_string())
             }
+            StoreError::Full => Self::unavailable(error.to_string()),
             StoreError::NotWritten(_) | StoreError::Database(_) | StoreError::Closed => {
                 tracing::error!(%error, "a request failed");
                 Self::unavailable("the server cannot do this at the moment; nothing was changed")
@@ -46,6 +47,10 @@ impl From<StoreError> for Problem {
             StoreError::Open { .. }
             | StoreError::NotOurs { .. }
             | StoreError::Newer { .. }
+            | StoreError::InUse { .. }
+            | StoreError::Corrupt { .. }
+            | StoreError::Target { .. }
+            | StoreError::Broken(_)
             | StoreError::Damaged(_) => Self::internal(&error),
         }
     }

@@ -9,19 +9,20 @@ use furrow_schema::id::{JobId, RequestId, ScenarioId};
 use furrow_schema::protocol::{Claim, LEASE_MS, LeasedJob, Leases};
 use sqlx::SqliteConnection;
 
+use crate::config::Verify;
 use crate::error::StoreError;
-use crate::store::{scenario, to_json, unsigned};
+use crate::store::{scenario, to_json, unsigned, verification};
 
-/// A worker that found nothing asks again after this long \[ms\].
-const RETRY_AFTER_MS: u64 = 250;
+/// A worker that found nothing asks again after this long \[ms\], unless it hears sooner that there may be something.
+const RETRY_AFTER_MS: u64 = 1_000;
 
 /// An earlier claim of the same request.
 const FIND: &str = "select id from claim where worker_id = ?1 and request = ?2";
 
-/// A claim, if there is anything to grant.
+/// A claim, if there is anything to grant: ?5, or in the queue.
 const ADD: &str = "insert into claim (worker_id, request, claimed_ms)
     select ?1, ?2, ?3
-    where exists (select 1 from job
+    where ?5 or exists (select 1 from job
         where state = 'queued' and held = 0 and engine_id = ?4 and not_before_ms <= ?3)
     returning id";
 
@@ -45,8 +46,18 @@ const ADVANCE: &str = "insert into virtual_time (priority, turn)
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] = &[FIND, ADD, TAKE, HELD, ADVANCE];
 
+/// A job that is handed out: id, attempt, scenario, seed, record, alone, priority, turn.
 #[derive(sqlx::FromRow)]
-struct Row(i64, i64, i64, i64, bool, bool, i64, i64);
+pub(crate) struct Row(pub(super) i64, pub(super) i64, i64, i64, bool, bool, i64, i64);
+
+/// How claims are granted now.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Terms {
+    pub(crate) engine_id: i64,
+    pub(crate) now_ms: i64,
+    /// Whether verifications may wait, and whose they are.
+    pub(crate) verify: Option<Verify>,
+}
 
 /// Grants a claim of `worker`, or repeats what was granted for the same request.
 pub(crate) async fn claim(
@@ -54,28 +65,52 @@ pub(crate) async fn claim(
     worker: i64,
     request: &RequestId,
     claim: &Claim,
-    engine_id: i64,
-    now_ms: i64,
+    terms: Terms,
 ) -> Result<Leases, StoreError> {
     let earlier: Option<i64> =
         sqlx::query_scalar(FIND).bind(worker).bind(request.as_str()).fetch_optional(&mut *conn).await?;
     let rows = match earlier {
-        Some(id) => sqlx::query_as(HELD).bind(id).fetch_all(&mut *conn).await?,
-        None => take(conn, worker, request, claim.want, engine_id, now_ms).await?,
+        Some(id) => {
+            let mut rows = verification::held(conn, id).await?;
+            rows.extend(sqlx::query_as::<_, Row>(HELD).bind(id).fetch_all(&mut *conn).await?);
+            rows
+        }
+        None => grant(conn, worker, request, claim.want, terms).await?,
     };
     leases(conn, rows, &claim.known_scenarios).await
 }
 
-async fn take(
+/// Verifications go first, but few wait as a rule.
+async fn grant(
     conn: &mut SqliteConnection,
     worker: i64,
     request: &RequestId,
     want: u32,
+    terms: Terms,
+) -> Result<Vec<Row>, StoreError> {
+    let Terms { engine_id, now_ms, verify } = terms;
+    let verified = match verify {
+        Some(verify) => verification::candidates(conn, worker, want, &verify, engine_id, now_ms).await?,
+        None => Vec::new(),
+    };
+    let add = sqlx::query_scalar(ADD).bind(worker).bind(request.as_str()).bind(now_ms).bind(engine_id);
+    let add = add.bind(!verified.is_empty());
+    let Some(id): Option<i64> = add.fetch_optional(&mut *conn).await? else { return Ok(Vec::new()) };
+    let mut rows = verification::lease(conn, id, &verified, now_ms).await?;
+    let more = want.saturating_sub(u32::try_from(rows.len()).unwrap_or(want));
+    if more > 0 {
+        rows.extend(take(conn, id, more, engine_id, now_ms).await?);
+    }
+    Ok(rows)
+}
+
+async fn take(
+    conn: &mut SqliteConnection,
+    id: i64,
+    want: u32,
     engine_id: i64,
     now_ms: i64,
 ) -> Result<Vec<Row>, StoreError> {
-    let add = sqlx::query_scalar(ADD).bind(worker).bind(request.as_str()).bind(now_ms).bind(engine_id);
-    let Some(id): Option<i64> = add.fetch_optional(&mut *conn).await? else { return Ok(Vec::new()) };
     let take = sqlx::query_as(TAKE).bind(id).bind(now_ms + LEASE_MS).bind(engine_id).bind(now_ms).bind(want);
     let rows: Vec<Row> = take.fetch_all(&mut *conn).await?;
     let mut reached = BTreeMap::new();

@@ -8,7 +8,7 @@ use sqlx::SqliteConnection;
 use crate::error::StoreError;
 use crate::store::job::state_of;
 use crate::store::worker::worker_id;
-use crate::store::{Store, from_json, hash, incident, unsigned};
+use crate::store::{Store, from_json, hash, incident, unsigned, verification};
 use crate::view::{Attempt, AttemptEnd, JobCell, JobDetail, JobRef, JobResult, KeyPrefix};
 
 /// At most this many incidents of a job are shown.
@@ -79,6 +79,7 @@ pub(crate) async fn get(store: &Store, job: JobRef) -> Result<Option<JobDetail>,
         attempts,
         result,
         incidents: incident::of_job(conn, Some(JobId(id)), MOST_INCIDENTS).await?,
+        verification: verification::of_job(conn, id).await?,
         created_ms,
         ended_ms,
     }))

@@ -3,11 +3,18 @@
 //! A file a concern: `sweep` and `cell` are what users ask for, `submit` takes a sweep in, `control` pauses, cancels
 //! and retries it, `removal` takes it out, and `settle` brings its jobs in line; `job`,
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
-//! `transition` (what changes) and `tally` (what is counted); `worker`, `scenario` and `incident` are a
+//! `transition` (what changes) and `tally` (what is counted); `admission` lets workers in and turns them away,
+//! `verification` has results computed again; `worker`, `scenario` and `incident` are a
 //! table each; `rehearsal` is for tests of faults. Statements are constants with a sentence each; a test prepares all of them.
+//!
+//! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
+//! changing it, `transaction` and `log` are what the writer writes through, `backup` copies all of it.
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
 
+pub(crate) mod admission;
+pub(crate) mod back_off;
+mod backup;
 pub(crate) mod cell;
 pub(crate) mod claim;
 pub(crate) mod control;
@@ -15,7 +22,10 @@ pub(crate) mod expiry;
 pub(crate) mod incident;
 pub(crate) mod job;
 pub(crate) mod job_detail;
+mod lock;
+mod log;
 mod open;
+mod place;
 #[cfg(test)]
 mod random_histories;
 mod rehearsal;
@@ -28,8 +38,10 @@ pub(crate) mod settle;
 pub(crate) mod submit;
 pub(crate) mod sweep;
 pub(crate) mod tally;
+pub(crate) mod transaction;
 pub(crate) mod transition;
 pub(crate) mod values;
+pub(crate) mod verification;
 pub(crate) mod worker;
 
 use std::path::Path;
@@ -41,6 +53,10 @@ use serde::de::DeserializeOwned;
 use sqlx::{SqliteConnection, SqlitePool};
 
 use crate::error::StoreError;
+pub use backup::Backup;
+use lock::Lock;
+use log::Log;
+use transaction::Transaction;
 
 /// An open database. Clones are handles on the same one.
 #[derive(Debug, Clone)]
@@ -50,21 +66,46 @@ pub struct Store {
 
 #[derive(Debug)]
 struct Inner {
-    /// One connection, the only one that writes.
+    /// One connection, the only one that writes; the readers where nobody writes.
     writer: SqlitePool,
     readers: SqlitePool,
     coordinator_id: String,
+    /// What belongs to a file that is open to be changed.
+    own: Option<Own>,
+}
+
+#[derive(Debug)]
+struct Own {
+    lock: Lock,
+    log: Log,
 }
 
 impl Store {
-    /// Opens the database in `path`, creating and migrating it as needed.
+    /// Opens the database in `path`, creating and migrating it as needed. It is this process's until closed.
     ///
     /// # Errors
-    /// [`StoreError::Open`], [`StoreError::NotOurs`] and [`StoreError::Newer`] name the file and the reason; a
-    /// file that is not this program's is left as it was.
+    /// [`StoreError::Open`], [`StoreError::InUse`], [`StoreError::NotOurs`], [`StoreError::Newer`] and
+    /// [`StoreError::Corrupt`] name the file and the reason; the file is left as it was.
     pub async fn open(path: &Path) -> Result<Self, StoreError> {
-        let (writer, readers) = open::file(path).await?;
-        Self::over(writer, readers).await
+        let open::Changeable { writer, readers, lock, log } = open::to_change(path).await?;
+        Self::over(writer, readers, Some(Own { lock, log })).await
+    }
+
+    /// Opens the database in `path` beside whoever changes it. Nothing can be written through it.
+    ///
+    /// # Errors
+    /// Those of [`Store::open`] but [`StoreError::InUse`].
+    pub async fn open_to_read(path: &Path) -> Result<Self, StoreError> {
+        let readers = open::to_read(path).await?;
+        Self::over(readers.clone(), readers, None).await
+    }
+
+    /// Copies the database in `from`, which may be in use, to the new file `to`: whole, or not at all.
+    ///
+    /// # Errors
+    /// Those of [`Store::open_to_read`] about `from`; [`StoreError::Target`] and [`StoreError::Full`] about `to`.
+    pub async fn backup(from: &Path, to: &Path) -> Result<Backup, StoreError> {
+        backup::copy(from, to).await
     }
 
     /// A database that lives as long as its handles: for tests and for runs that keep nothing.
@@ -73,7 +114,7 @@ impl Store {
     /// [`StoreError::Open`] when there is no memory for it.
     pub async fn in_memory() -> Result<Self, StoreError> {
         let only = open::memory().await?;
-        Self::over(only.clone(), only).await
+        Self::over(only.clone(), only, None).await
     }
 
     /// The coordinator's name on the network, drawn when the database was created: 32 hexadecimal digits.
@@ -90,28 +131,46 @@ impl Store {
         &self.inner.readers
     }
 
-    /// Moves the log into the file and closes it.
+    /// Begins a transaction of the one writer.
+    pub(crate) async fn begin(&self) -> Result<Transaction, StoreError> {
+        Transaction::begin(self.writer()).await
+    }
+
+    /// Ends a transaction, and sees to its log: kept short, and out of the way of a full disk.
+    pub(crate) async fn end<T>(&self, transaction: Transaction, done: Result<T, StoreError>) -> Result<T, StoreError> {
+        let ended = transaction.end(done).await;
+        match (&self.inner.own, &ended) {
+            (Some(own), Ok(_)) => own.log.bound(self.writer()).await,
+            // What the log holds may fit into the file, and the next transaction then into the log.
+            (Some(own), Err(StoreError::Full)) if own.log.bytes() > 0 => _ = own.log.empty(self.writer()).await,
+            _ => {}
+        }
+        ended
+    }
+
+    /// Moves the log into the file, closes it, and lets others have it.
     pub(crate) async fn close(&self) {
         self.inner.readers.close().await;
-        if let Err(error) = sqlx::query(CHECKPOINT).execute(&self.inner.writer).await
+        if let Some(own) = &self.inner.own
+            && let Err(error) = own.log.empty(self.writer()).await
             && !self.inner.writer.is_closed()
         {
             tracing::warn!(%error, "the database's log could not be moved into its file; the next start does it");
         }
         self.inner.writer.close().await;
+        if let Some(own) = &self.inner.own {
+            own.lock.release();
+        }
     }
 
-    async fn over(writer: SqlitePool, readers: SqlitePool) -> Result<Self, StoreError> {
+    async fn over(writer: SqlitePool, readers: SqlitePool, own: Option<Own>) -> Result<Self, StoreError> {
         let coordinator_id = sqlx::query_scalar(COORDINATOR_ID).fetch_one(&writer).await?;
-        Ok(Self { inner: Arc::new(Inner { writer, readers, coordinator_id }) })
+        Ok(Self { inner: Arc::new(Inner { writer, readers, coordinator_id, own }) })
     }
 }
 
 /// The name that the first migration drew.
 const COORDINATOR_ID: &str = "select id from coordinator";
-
-/// Empties the write-ahead log.
-const CHECKPOINT: &str = "pragma wal_checkpoint(truncate)";
 
 /// Adds an engine unless it is known.
 const ADD_ENGINE: &str = "insert into engine (hash) values (?1) on conflict (hash) do nothing";
@@ -165,9 +224,11 @@ mod tests {
     async fn every_statement_fits_the_schema() {
         let store = Store::in_memory().await.unwrap();
         let mut conn = store.writer().acquire().await.unwrap();
-        let own: &[&'static str] = &[COORDINATOR_ID, CHECKPOINT, ADD_ENGINE, ENGINE];
+        let own: &[&'static str] = &[COORDINATOR_ID, ADD_ENGINE, ENGINE];
         let all = [
             own,
+            admission::STATEMENTS,
+            backup::STATEMENTS,
             cell::STATEMENTS,
             claim::STATEMENTS,
             control::STATEMENTS,
@@ -175,6 +236,8 @@ mod tests {
             incident::STATEMENTS,
             job::STATEMENTS,
             job_detail::STATEMENTS,
+            log::STATEMENTS,
+            open::STATEMENTS,
             rehearsal::STATEMENTS,
             removal::STATEMENTS,
             renew::STATEMENTS,
@@ -185,8 +248,11 @@ mod tests {
             submit::STATEMENTS,
             sweep::STATEMENTS,
             tally::STATEMENTS,
+            transaction::STATEMENTS,
             transition::STATEMENTS,
             values::STATEMENTS,
+            verification::STATEMENTS,
+            verification::REPORT_STATEMENTS,
             worker::STATEMENTS,
         ];
         for statement in all.into_iter().flatten() {

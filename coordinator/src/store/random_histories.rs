@@ -1,5 +1,5 @@
 //! Whatever submissions, users, workers and time do, in any order: counts, moments and states stay true, nothing that
-//! was acknowledged changes unless it is removed, and every sweep can be brought to its end.
+//! was acknowledged changes unless it is removed, and every sweep and every verification can be brought to its end.
 
 use std::collections::HashMap;
 use std::sync::LazyLock;
@@ -15,7 +15,9 @@ use crate::testing::{Bench, Worker, done, panicked, record, sweep};
 use crate::view::{JobRef, SweepChange};
 
 const LABELS: [&str; 3] = ["rgop", "rg", "lsq"];
-const WORKERS: usize = 2;
+const WORKERS: usize = 3;
+/// This share of the results is verified.
+const VERIFIED: f64 = 0.5;
 /// From so many leases a worker's next report is drawn.
 const LATEST: usize = 3;
 
@@ -39,6 +41,10 @@ enum Event {
     Renew {
         worker: usize,
         running: bool,
+    },
+    /// The worker falls silent, and its leases end.
+    Die {
+        worker: usize,
     },
     Pass {
         ms: i64,
@@ -76,7 +82,8 @@ fn event() -> impl Strategy<Value = Event> {
         3 => (worker.clone(), 1..4u32).prop_map(|(worker, want)| Event::Claim { worker, want }),
         5 => (worker.clone(), any::<usize>(), 0..8usize)
             .prop_map(|(worker, lease, how)| Event::End { worker, lease, how }),
-        1 => (worker, any::<bool>()).prop_map(|(worker, running)| Event::Renew { worker, running }),
+        1 => (worker.clone(), any::<bool>()).prop_map(|(worker, running)| Event::Renew { worker, running }),
+        1 => worker.prop_map(|worker| Event::Die { worker }),
         2 => prop_oneof![Just(1_500), Just(31_000)].prop_map(|ms| Event::Pass { ms }),
         3 => (any::<usize>(), what()).prop_map(|(sweep, what)| Event::Control { sweep, what }),
     ]
@@ -91,7 +98,7 @@ struct History {
 
 impl History {
     async fn begin() -> Self {
-        let bench = Bench::new().await;
+        let bench = Bench::verifying(VERIFIED).await;
         let mut workers = Vec::new();
         for _ in 0..WORKERS {
             workers.push((bench.worker().await, Vec::new()));
@@ -106,17 +113,34 @@ impl History {
                 self.bench.submit(sweep).await;
             }
             Event::Claim { worker, want } => {
-                let (worker, leases) = &mut self.workers[worker];
+                let (worker, leases) = self.worker(worker).await;
                 leases.extend(worker.claim(want).await);
             }
             Event::End { worker, lease, how } => self.end(worker, lease, how).await,
             Event::Renew { worker, running } => {
-                let (worker, leases) = &self.workers[worker];
+                let (worker, leases) = self.worker(worker).await;
                 worker.renew(leases, running).await;
             }
+            Event::Die { worker } => self.die(worker).await,
             Event::Pass { ms } => self.bench.pass(ms).await,
             Event::Control { sweep, what } => self.control(sweep, what).await,
         }
+    }
+
+    /// The worker, or another in its place if it was barred.
+    async fn worker(&mut self, at: usize) -> &mut (Worker, Vec<LeasedJob>) {
+        if self.workers[at].0.is_barred().await {
+            self.workers[at] = (self.bench.worker().await, Vec::new());
+        }
+        &mut self.workers[at]
+    }
+
+    async fn die(&mut self, worker: usize) {
+        let worker = self.worker(worker).await.0.id.clone();
+        let gone_ms = self.bench.coordinator.now_ms();
+        self.bench.clock.advance(2_000);
+        assert_eq!(self.bench.coordinator.worker_gone(worker, gone_ms).await.unwrap(), None);
+        self.bench.assert_consistent().await;
     }
 
     async fn control(&mut self, sweep: usize, what: What) {
@@ -158,16 +182,18 @@ impl History {
     }
 
     async fn end(&mut self, worker: usize, lease: usize, how: usize) {
-        let (worker, leases) = &self.workers[worker];
-        let Some(lease) = leases.iter().rev().nth(lease % leases.len().clamp(1, LATEST)) else { return };
-        let value = if how == 7 { -1.0 } else { lease.job.0 as f64 / 3.0 };
+        // Liars do not agree with each other.
+        let lie = -1.0 - worker as f64;
+        let (worker, leases) = self.worker(worker).await;
+        let Some(lease) = leases.iter().rev().nth(lease % leases.len().clamp(1, LATEST)).cloned() else { return };
+        let value = if how == 7 { lie } else { honest(&lease) };
         let ended = match how {
             0..4 => panicked("no"),
             4 => RunEnd::HandedBack,
             _ => done(value),
         };
         let is_result = matches!(ended, RunEnd::Done(_));
-        if worker.ended(lease, ended).await && is_result {
+        if worker.ended(&lease, ended).await && is_result {
             let first = self.acknowledged.entry(lease.job).or_insert(value);
             assert_eq!(*first, value, "two results of a job were acknowledged");
         }
@@ -178,9 +204,15 @@ impl History {
         self.bench.pass(100_000).await;
         self.bench.submit(sweep(&LABELS, 3)).await;
         let worker = self.bench.worker().await;
-        for job in worker.claim(100).await {
-            assert!(worker.ended(&job, done(job.job.0 as f64 / 3.0)).await);
+        // One claim for the jobs, then one for each opinion that a verification may need.
+        for _ in 0..5 {
+            for job in worker.claim(100).await {
+                let on_record = *self.acknowledged.entry(job.job).or_insert(honest(&job));
+                assert_eq!(worker.ended(&job, done(honest(&job))).await, on_record == honest(&job));
+            }
+            self.bench.pass(61_000).await;
         }
+        assert_eq!(self.bench.coordinator.verifications().await.unwrap().open, 0);
     }
 
     async fn check(&self) {
@@ -199,6 +231,11 @@ impl History {
             }
         }
     }
+}
+
+/// What comes out of a job.
+fn honest(job: &LeasedJob) -> f64 {
+    job.job.0 as f64 / 3.0
 }
 
 static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::new().unwrap());

@@ -37,6 +37,22 @@ const RULES: &[&str] = &[
     "select count(*) from scenario where not exists (select 1 from job where scenario_id = scenario.id)",
     "select count(*) from attempt join job on job.id = job_id where attempt.attempt > job.attempt
         or (job.state = 'leased' and attempt.attempt = job.attempt)",
+    // Verification is about results only, gives a number no second time, and a barred worker has nothing.
+    "select count(*) from verification join job on job.id = verification.job_id
+        where job.state <> 'done' or verification.attempt > job.attempt",
+    "select count(*) from opinion join job on job.id = job_id where opinion.attempt > job.attempt",
+    "select count(*) from opinion join attempt using (job_id, attempt)
+        where (select worker_id from claim where claim.id = attempt.claim_id) <> opinion.worker_id",
+    "select count(*) from claim join worker on worker.id = claim.worker_id where barred_ms is not null and (
+        exists (select 1 from job where job.claim_id = claim.id)
+        or exists (select 1 from verification where verification.claim_id = claim.id))",
+    // An incident of a job that is verified is an opinion on it.
+    "select count(*) from verification where state in ('upheld', 'overruled', 'undecided')
+        and not exists (select 1 from opinion join result using (job_id)
+            where opinion.job_id = verification.job_id and opinion.digest <> result.digest)",
+    "select count(*) from verification where state = 'agreed'
+        and exists (select 1 from opinion join result using (job_id)
+            where opinion.job_id = verification.job_id and opinion.digest <> result.digest)",
     "select count(*) from pragma_foreign_key_check",
 ];
 

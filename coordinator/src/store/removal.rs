@@ -47,7 +47,9 @@ const REMEMBER: &str = "update last_number
         scenario = max(scenario, coalesce((select max(id) from scenario), 0))";
 
 /// What belongs to jobs, and then they themselves.
-const REMOVE_JOBS: [&str; 5] = [
+const REMOVE_JOBS: [&str; 7] = [
+    "delete from opinion where job_id in (select value from json_each(?1))",
+    "delete from verification where job_id in (select value from json_each(?1))",
     "delete from trajectory where job_id in (select value from json_each(?1))",
     "delete from result where job_id in (select value from json_each(?1))",
     "delete from incident where job_id in (select value from json_each(?1))",
@@ -85,6 +87,8 @@ pub(super) const STATEMENTS: &[&str] = &[
     REMOVE_JOBS[2],
     REMOVE_JOBS[3],
     REMOVE_JOBS[4],
+    REMOVE_JOBS[5],
+    REMOVE_JOBS[6],
     REMOVE_SCENARIOS,
     REMOVE_CELLS[0],
     REMOVE_CELLS[1],

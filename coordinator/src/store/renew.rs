@@ -6,7 +6,7 @@ use furrow_schema::protocol::{LEASE_MS, Renew, Renewed};
 use sqlx::SqliteConnection;
 
 use crate::error::StoreError;
-use crate::store::to_json;
+use crate::store::{to_json, verification};
 
 /// A lease that is younger than this is not written again \[ms\].
 const GRAIN_MS: i64 = 5_000;
@@ -23,6 +23,10 @@ const EXTEND: &str = "update job set lease_until_ms = ?2, running = value ->> 1
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] = &[HELD, EXTEND];
 
+/// A job that a worker holds: until when, whether it ran as far as was known, and whether it runs.
+#[derive(sqlx::FromRow)]
+pub(crate) struct HeldRow(i64, i64, i64, i64);
+
 /// Renews what is still `worker`'s and tells it the rest.
 pub(crate) async fn renew(
     conn: &mut SqliteConnection,
@@ -34,18 +38,26 @@ pub(crate) async fn renew(
         return Ok(Renewed::default());
     }
     let held: Vec<_> = renew.held.iter().map(|held| (held.job, held.attempt, i64::from(held.running))).collect();
-    let rows: Vec<(i64, i64, i64, i64)> =
-        sqlx::query_as(HELD).bind(to_json(&held)).bind(worker).fetch_all(&mut *conn).await?;
+    let rows: Vec<HeldRow> = sqlx::query_as(HELD).bind(to_json(&held)).bind(worker).fetch_all(&mut *conn).await?;
     let until_ms = now_ms + LEASE_MS;
-    let is_due = |until: i64, was: i64, is: i64| until < until_ms - GRAIN_MS || was != is;
-    let due: Vec<_> =
-        rows.iter().filter(|(_, until, was, is)| is_due(*until, *was, *is)).map(|(id, .., is)| (id, is)).collect();
-    if !due.is_empty() {
-        sqlx::query(EXTEND).bind(to_json(&due)).bind(until_ms).execute(conn).await?;
+    let overdue = due(&rows, until_ms);
+    if !overdue.is_empty() {
+        sqlx::query(EXTEND).bind(to_json(&overdue)).bind(until_ms).execute(&mut *conn).await?;
     }
-    let still: HashSet<i64> = rows.iter().map(|row| row.0).collect();
+    let mut still: HashSet<i64> = rows.iter().map(|row| row.0).collect();
+    if renew.held.iter().any(|held| !still.contains(&held.job.0)) {
+        let verified = verification::held_by(conn, worker, &renew.held).await?;
+        verification::extend(conn, &due(&verified, until_ms), until_ms).await?;
+        still.extend(verified.iter().map(|row| row.0));
+    }
     let lost = renew.held.iter().map(|held| held.job).filter(|job| !still.contains(&job.0)).collect();
     Ok(Renewed { lost })
+}
+
+/// Those to be written: job, running.
+fn due(rows: &[HeldRow], until_ms: i64) -> Vec<(i64, i64)> {
+    let is_due = |HeldRow(_, until, was, is): &&HeldRow| *until < until_ms - GRAIN_MS || was != is;
+    rows.iter().filter(is_due).map(|HeldRow(job, .., is)| (*job, *is)).collect()
 }
 
 #[cfg(test)]

@@ -12,6 +12,9 @@ const SELECT: &str = "with held as materialized (
         from job join cell_job on cell_job.job_id = job.id join cell on cell.id = cell_job.cell_id
         where job.state = 'leased' group by cell.sweep_id)
     select sweep.id, name, plan, state, priority, total, done, failed, cancelled, cached, coalesce(held.jobs, 0) as leased,
+        (select count(*) from verification
+            join cell_job on cell_job.job_id = verification.job_id join cell on cell.id = cell_job.cell_id
+            where verification.state in ('overruled', 'undecided') and cell.sweep_id = sweep.id) as disputed,
         engine.hash as engine, seeds, factors, record, timing, created_ms, finished_ms
     from sweep join engine on engine.id = sweep.engine_id left join held on held.sweep_id = sweep.id
     where (?1 is null or sweep.id = ?1) and (?2 is null or sweep.id < ?2)
@@ -34,6 +37,7 @@ struct Row {
     cancelled: i64,
     cached: i64,
     leased: i64,
+    disputed: i64,
     engine: Vec<u8>,
     seeds: i64,
     factors: String,
@@ -81,6 +85,7 @@ impl Row {
             leased: count(self.leased)?,
             cancelled: count(self.cancelled)?,
             cached: count(self.cached)?,
+            disputed: count(self.disputed)?,
             rate_per_s: None,
             eta_s: None,
             engine: EngineId(hash("an engine", &self.engine)?),

@@ -8,7 +8,7 @@ use sqlx::SqliteConnection;
 use crate::error::StoreError;
 use crate::store::incident::{self, Other};
 use crate::store::tally::{Metrics, Moved, Tally};
-use crate::store::to_json;
+use crate::store::{to_json, worker};
 use crate::view::AttemptEnd;
 
 /// Records results: job, claim, attempt, digest, outcome, metrics, timings. The first of a job stays.
@@ -141,6 +141,8 @@ impl<'a> Changes<'a> {
         execute(conn, ADD_RESULTS, &self.results, now_ms).await?;
         let done: Vec<_> = self.results.iter().map(|row| row.0).collect();
         execute(conn, FINISH, &done, now_ms).await?;
+        let claims: Vec<_> = self.results.iter().map(|row| row.1).collect();
+        worker::count_results(conn, &claims).await?;
         execute_without_time(conn, ADD_TRAJECTORIES, &self.trajectories).await?;
         tally.moved(conn, &self.moved).await?;
         incident::add(conn, &self.incidents, engine_id, now_ms).await

@@ -6,16 +6,17 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use furrow_schema::id::SweepId;
+use furrow_schema::id::{SweepId, WorkerId};
 use furrow_schema::sweep::{NewSweep, Submitted};
-use sqlx::{Sqlite, Transaction};
+use sqlx::SqliteConnection;
 
 use super::Writer;
 use crate::batch::{Batch, Errand, Outcome};
 use crate::error::StoreError;
 use crate::store::control::{self, Begun, Control, Stepped};
 use crate::store::submit::Expansion;
-use crate::store::{removal, submit};
+use crate::store::transaction::Transaction;
+use crate::store::{Store, removal, submit, worker};
 
 /// A large submission writes so many chunks in one transaction: fewer write the same pages again and again, more let the
 /// others wait.
@@ -24,6 +25,7 @@ const CHUNKS_A_STEP: usize = 4;
 /// All errands, begun or not.
 #[derive(Debug, Default)]
 pub(super) struct Errands {
+    allowances: VecDeque<(WorkerId, Outcome<bool>)>,
     controls: VecDeque<(SweepId, Control, Outcome<bool>)>,
     submissions: VecDeque<(Box<NewSweep>, Outcome<Submitted>)>,
     /// The submission that is under way.
@@ -58,6 +60,7 @@ impl Errands {
         for errand in batch.errands.drain(..) {
             match errand {
                 Errand::Submit(sweep, outcome) => self.submissions.push_back((sweep, outcome)),
+                Errand::Allow(worker, outcome) => self.allowances.push_back((worker, outcome)),
                 Errand::Control(sweep, control, outcome) => self.controls.push_back((sweep, control, outcome)),
             }
         }
@@ -66,11 +69,18 @@ impl Errands {
     /// Whether there is anything to do now.
     pub(super) fn wait(&self) -> bool {
         let under_way = self.coming.is_some() || self.unfinished;
-        !self.controls.is_empty() || !self.submissions.is_empty() || (under_way && !self.stalled)
+        !self.allowances.is_empty()
+            || !self.controls.is_empty()
+            || !self.submissions.is_empty()
+            || (under_way && !self.stalled)
     }
 
     /// Does the next step: what users do to sweeps goes before submissions, and both before removals.
     pub(super) async fn step(&mut self, writer: &Writer) {
+        if let Some((worker, outcome)) = self.allowances.pop_front() {
+            let _ = outcome.send(allow(writer, &worker).await.map_err(|error| not_written(writer, error)));
+            return;
+        }
         if let Some((sweep, control, outcome)) = self.controls.pop_front() {
             return self.begin_control(writer, sweep, control, outcome).await;
         }
@@ -89,7 +99,7 @@ impl Errands {
     async fn begin_control(&mut self, writer: &Writer, sweep: SweepId, control: Control, outcome: Outcome<bool>) {
         let begun = match begin_control(writer, sweep, control).await {
             Ok(begun) => begun,
-            Err(error) => Err(not_written(&error)),
+            Err(error) => Err(not_written(writer, error)),
         };
         writer.ring();
         if control == Control::Remove && begun.is_ok() {
@@ -118,7 +128,7 @@ impl Errands {
             Ok(Stepped::Nothing) => return false,
             Ok(Stepped::GoesOn) => {}
             Ok(Stepped::Ended(sweep)) => self.answer(sweep),
-            Err(error) => self.stall(&error),
+            Err(error) => self.stall(writer, &error),
         }
         writer.ring();
         true
@@ -135,7 +145,7 @@ impl Errands {
         match begin_submission(writer, &sweep).await {
             Ok(Ok(expansion)) => self.coming = Some(Coming { sweep, expansion, outcome }),
             Ok(Err(answer)) => _ = outcome.send(answer),
-            Err(error) => _ = outcome.send(Err(not_written(&error))),
+            Err(error) => _ = outcome.send(Err(not_written(writer, error))),
         }
     }
 
@@ -146,10 +156,10 @@ impl Errands {
             Ok(false) => self.coming = Some(coming),
             Ok(true) => _ = coming.outcome.send(Ok(coming.expansion.submitted)),
             Err(error) => {
-                let _ = coming.outcome.send(Err(not_written(&error)));
+                let _ = coming.outcome.send(Err(not_written(writer, error)));
                 self.unfinished = true;
                 if let Err(error) = disown_all(writer).await {
-                    self.stall(&error);
+                    self.stall(writer, &error);
                 }
             }
         }
@@ -158,44 +168,59 @@ impl Errands {
     async fn remove(&mut self, writer: &Writer) {
         match remove(writer).await {
             Ok(any) => self.unfinished = any,
-            Err(error) => self.stall(&error),
+            Err(error) => self.stall(writer, &error),
         }
     }
 
-    fn stall(&mut self, error: &StoreError) {
-        tracing::error!(%error, "could not write; trying again later");
+    fn stall(&mut self, writer: &Writer, error: &StoreError) {
+        writer.outage.note(error, writer.config.clock.now_ms());
         self.stalled = true;
     }
 }
 
-fn not_written(error: &StoreError) -> StoreError {
-    tracing::error!(%error, "could not write");
-    StoreError::NotWritten(error.to_string())
+fn not_written(writer: &Writer, error: StoreError) -> StoreError {
+    writer.outage.note(&error, writer.config.clock.now_ms());
+    match error {
+        StoreError::Full => StoreError::Full,
+        other => StoreError::NotWritten(other.to_string()),
+    }
 }
 
 /// A transaction of its own.
-struct Step {
-    transaction: Transaction<'static, Sqlite>,
+struct Step<'a> {
+    store: &'a Store,
+    transaction: Transaction,
     engine_id: i64,
     now_ms: i64,
 }
 
-impl Step {
-    async fn begin(writer: &Writer) -> Result<Self, StoreError> {
-        let mut transaction = writer.store.writer().begin_with("begin immediate").await?;
-        let engine_id = crate::store::engine_id(&mut transaction, writer.config.engine).await?;
-        Ok(Self { transaction, engine_id, now_ms: writer.config.clock.now_ms() })
+impl<'a> Step<'a> {
+    async fn begin(writer: &'a Writer) -> Result<Self, StoreError> {
+        let store = &writer.store;
+        let mut transaction = store.begin().await?;
+        let now_ms = writer.config.clock.now_ms();
+        match crate::store::engine_id(&mut transaction, writer.config.engine).await {
+            Ok(engine_id) => Ok(Self { store, transaction, engine_id, now_ms }),
+            Err(error) => store.end(transaction, Err(error)).await,
+        }
     }
 
-    async fn commit(self) -> Result<(), StoreError> {
-        Ok(self.transaction.commit().await?)
+    /// Commits what was `done` if it went well.
+    async fn end<T>(self, done: Result<T, StoreError>) -> Result<T, StoreError> {
+        self.store.end(self.transaction, done).await
     }
 }
 
 async fn disown_all(writer: &Writer) -> Result<(), StoreError> {
     let mut step = Step::begin(writer).await?;
-    removal::disown_all(&mut step.transaction, step.now_ms).await?;
-    step.commit().await
+    let disowned = removal::disown_all(&mut step.transaction, step.now_ms).await;
+    step.end(disowned).await
+}
+
+async fn allow(writer: &Writer, worker: &WorkerId) -> Result<bool, StoreError> {
+    let mut step = Step::begin(writer).await?;
+    let known = worker::allow(&mut step.transaction, worker).await;
+    step.end(known).await
 }
 
 async fn begin_control(
@@ -204,16 +229,14 @@ async fn begin_control(
     control: Control,
 ) -> Result<Result<Begun, StoreError>, StoreError> {
     let mut step = Step::begin(writer).await?;
-    let begun = control::begin(&mut step.transaction, sweep, control, step.engine_id, step.now_ms).await?;
-    step.commit().await?;
-    Ok(begun)
+    let begun = control::begin(&mut step.transaction, sweep, control, step.engine_id, step.now_ms).await;
+    step.end(begun).await
 }
 
 async fn settle(writer: &Writer) -> Result<Stepped, StoreError> {
     let mut step = Step::begin(writer).await?;
-    let stepped = control::step(&mut step.transaction, None, step.engine_id, step.now_ms).await?;
-    step.commit().await?;
-    Ok(stepped)
+    let stepped = control::step(&mut step.transaction, None, step.engine_id, step.now_ms).await;
+    step.end(stepped).await
 }
 
 /// What is known of a submission at its begin: how to go on, or the answer.
@@ -221,31 +244,38 @@ type Beginning = Result<Expansion, Result<Submitted, StoreError>>;
 
 async fn begin_submission(writer: &Writer, sweep: &NewSweep) -> Result<Beginning, StoreError> {
     let mut step = Step::begin(writer).await?;
-    let begun = submit::begin(&mut step.transaction, sweep, step.engine_id, step.now_ms).await?;
-    step.commit().await?;
-    Ok(begun)
+    let begun = submit::begin(&mut step.transaction, sweep, step.engine_id, step.now_ms).await;
+    step.end(begun).await
 }
 
 /// Writes some chunks; true if that was the last, and the sweep can be seen.
 async fn expand(writer: &Writer, coming: &mut Coming) -> Result<bool, StoreError> {
     let mut step = Step::begin(writer).await?;
+    let expanded = write_chunks(&mut step.transaction, coming).await;
+    step.end(expanded).await
+}
+
+async fn write_chunks(conn: &mut SqliteConnection, coming: &mut Coming) -> Result<bool, StoreError> {
     let mut ended = false;
     for _ in 0..CHUNKS_A_STEP {
-        ended = ended || coming.expansion.step(&mut step.transaction, &coming.sweep).await?;
+        ended = ended || coming.expansion.step(conn, &coming.sweep).await?;
     }
     if ended {
-        coming.expansion.list(&mut step.transaction).await?;
+        coming.expansion.list(conn).await?;
     }
-    step.commit().await?;
     Ok(ended)
 }
 
 /// Removes a part of a sweep that nobody sees; false if there is no such sweep.
 async fn remove(writer: &Writer) -> Result<bool, StoreError> {
     let mut step = Step::begin(writer).await?;
-    let Some(sweep) = removal::next(&mut step.transaction).await? else { return Ok(false) };
-    removal::step(&mut step.transaction, sweep, step.engine_id, step.now_ms).await?;
-    step.commit().await?;
+    let removed = remove_next(&mut step.transaction, step.engine_id, step.now_ms).await;
+    step.end(removed).await
+}
+
+async fn remove_next(conn: &mut SqliteConnection, engine_id: i64, now_ms: i64) -> Result<bool, StoreError> {
+    let Some(sweep) = removal::next(conn).await? else { return Ok(false) };
+    removal::step(conn, sweep, engine_id, now_ms).await?;
     Ok(true)
 }
 

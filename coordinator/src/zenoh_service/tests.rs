@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use furrow_schema::protocol::{Leases, Recorded, Refusal, Reply, Report, RunReport};
+use furrow_schema::protocol::{Leases, Recorded, Refusal, Reply, Report, RunReport, work_key, worker_key};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use zenoh::query::ConsolidationMode;
@@ -99,5 +99,54 @@ async fn two_coordinators_cannot_share_a_port() {
     let endpoint = service.endpoints()[0].clone();
     let error = serve(second.coordinator.clone(), ZenohConfig::on(&endpoint)).await.unwrap_err();
     assert_eq!(error, ZenohError::Busy(endpoint));
+    service.close().await;
+}
+
+/// A worker's session with its token shown, so far as the coordinator knows.
+async fn alive(session: &Session, namespace: &str, bench: &Bench, worker: &Worker) -> LivelinessToken {
+    let key = worker_key(namespace, bench.coordinator.id(), worker.id.as_str());
+    session.liveliness().declare_token(key).await.unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_jobs_of_a_worker_whose_token_went_are_free_soon_and_idle_workers_hear_of_it() {
+    let bench = Bench::new().await;
+    bench.submit(sweep(&["rgop"], 1)).await;
+    let config = ZenohConfig { namespace: "test-gone".to_owned(), ..ZenohConfig::default() };
+    let service = serve(bench.coordinator.clone(), config).await.unwrap();
+    let (dying, idle) = (client(&service.endpoints()[0]).await, client(&service.endpoints()[0]).await);
+    let hints = idle.declare_subscriber(work_key("test-gone", bench.coordinator.id())).await.unwrap();
+    let (worker, other) = (bench.worker().await, bench.worker().await);
+    let _token = alive(&dying, "test-gone", &bench, &worker).await;
+    let job = worker.claim(1).await.remove(0);
+    let mut work = bench.coordinator.work();
+    work.mark_unchanged();
+
+    dying.close().await.unwrap();
+    tokio::time::timeout(PATIENCE, work.changed()).await.expect("its lease is ended").unwrap();
+
+    assert_eq!(other.claim(1).await[0].attempt, job.attempt + 1);
+    tokio::time::timeout(PATIENCE, hints.recv_async()).await.expect("an idle worker hears of it").unwrap();
+    service.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_flapping_token_does_no_harm_to_a_worker_that_asks() {
+    let bench = Bench::new().await;
+    bench.submit(sweep(&["rgop"], 1)).await;
+    let config = ZenohConfig { namespace: "test-flap".to_owned(), ..ZenohConfig::default() };
+    let service = serve(bench.coordinator.clone(), config).await.unwrap();
+    let forger = client(&service.endpoints()[0]).await;
+    let worker = bench.worker().await;
+    let jobs = worker.claim(1).await;
+    // Long enough for what is decided after the grace period to be seen.
+    let until = tokio::time::Instant::now() + Duration::from_millis(2_500);
+    let mut ticks = tokio::time::interval(Duration::from_millis(100));
+    while tokio::time::Instant::now() < until {
+        ticks.tick().await;
+        drop(alive(&forger, "test-flap", &bench, &worker).await);
+        bench.clock.advance(100);
+        assert!(worker.renew(&jobs, true).await.lost.is_empty());
+    }
     service.close().await;
 }

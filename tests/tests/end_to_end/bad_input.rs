@@ -1,7 +1,6 @@
 //! Bad input on the command line: exit code 2, a message that names the key and what is allowed, nothing written.
 
 use serde_json::{Value, json};
-use sqlx::{Connection, SqliteConnection};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 
@@ -9,7 +8,7 @@ use crate::plan::{directory, file, path, plan, text_file};
 use crate::process;
 
 /// Runs `furrow`, which must refuse and name all `words` on its error output.
-async fn refused(args: &[&str], words: &[&str]) {
+pub(crate) async fn refused(args: &[&str], words: &[&str]) {
     let finished = process::finished(args).await;
     assert_eq!(finished.code, Some(2), "furrow {args:?}: {finished:?}");
     assert_eq!(finished.stdout, "", "furrow {args:?}");
@@ -114,20 +113,6 @@ async fn a_database_that_cannot_be_used_is_refused_and_left_alone() {
     let letter = text_file(&directory, "letter.db", &"Dear reader. ".repeat(500));
     refused(&["run", &plan, "--db", &letter], &["letter.db"]).await;
     assert!(std::fs::read_to_string(&letter).unwrap().starts_with("Dear reader."));
-}
-
-#[tokio::test]
-async fn a_database_of_a_newer_version_is_refused() {
-    let directory = directory();
-    let (plan, db) = (short_plan(&directory), path(&directory, "newer.db"));
-    process::json(&["run", &plan, "--db", &db, "--json"]).await;
-    let mut connection = SqliteConnection::connect(&format!("sqlite://{db}")).await.unwrap();
-    let later = "insert into _sqlx_migrations (version, description, success, checksum, execution_time)
-        values (9999, 'later', 1, x'00', 0)";
-    sqlx::query(later).execute(&mut connection).await.unwrap();
-    connection.close().await.unwrap();
-    refused(&["run", &plan, "--db", &db], &["newer.db", "9999"]).await;
-    refused(&["serve", "--db", &db, "--http", "127.0.0.1:0"], &["newer.db", "9999"]).await;
 }
 
 #[tokio::test]

@@ -10,8 +10,8 @@ use crate::survival::number;
 /// So many kills unless FURROW_KILLS says otherwise: every second one is the coordinator's.
 const KILLS: u64 = 20;
 const WORKERS: usize = 3;
-/// A job may lose as many workers as there are kills.
-const MAX_ATTEMPTS: u32 = 1_000;
+/// A job may lose as many workers as there are kills, and every run counts: none is done twice to verify it.
+const SERVED: [&str; 6] = ["--threads", "0", "--max-attempts", "1000", "--verify", "0"];
 
 /// Jobs that were handed out after their result was on record.
 pub(crate) const RUN_AGAIN: &str = "select count(*) from result join attempt on attempt.job_id = result.job_id
@@ -23,6 +23,10 @@ pub(crate) const LOST_OR_DOUBLED: &str = "select (select count(*) from job where
 fn kills() -> u64 {
     let Ok(text) = std::env::var("FURROW_KILLS") else { return KILLS };
     text.parse().unwrap_or_else(|_| panic!("FURROW_KILLS={text}: a whole number is needed"))
+}
+
+async fn serve(db: &str, endpoint: &str) -> Server {
+    Server::start_with(db, &[&SERVED[..], &["--zenoh", endpoint]].concat(), &[]).await
 }
 
 /// The tables of a sweep as programs read them.
@@ -51,7 +55,7 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
     drop(undisturbed);
 
     let db = path(&directory, "served.db");
-    let mut server = Server::start_with(&db, 0, "tcp/127.0.0.1:0", MAX_ATTEMPTS).await;
+    let mut server = serve(&db, "tcp/127.0.0.1:0").await;
     let mut workers: Vec<Running> = (0..WORKERS).map(|_| server.worker()).collect();
     let sweep = server.submit(&json!({"plan": plan_of_it})).await;
     let (mut done, mut in_time) = (0, 0);
@@ -65,7 +69,7 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
             *worker = server.worker();
         } else {
             server.process.child.kill().await.unwrap();
-            server = Server::start_with(&db, 0, &server.endpoint, MAX_ATTEMPTS).await;
+            server = serve(&db, &server.endpoint).await;
         }
     }
     assert_eq!(in_time, kills(), "the sweep went on from each kill to the next");

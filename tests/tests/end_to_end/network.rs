@@ -92,7 +92,7 @@ async fn until(db: &str, query: &str, good: impl Fn(i64) -> bool) {
 
 async fn serve(cable: &Cable, directory: &TempDir, db: &str) -> Running {
     let args = [&["serve", "--db", db, "--http", HTTP], &LISTEN[..]].concat();
-    let server = Running::start_in(Some(&cable.ends[0]), &args);
+    let server = Running::start_in_namespace(&cable.ends[0], &args);
     let plan = file(directory, "plan.json", &plan(60.0, 10));
     let (url, mut looks) = (format!("http://{HTTP}"), interval(Duration::from_millis(100)));
     let submit = async {
@@ -112,7 +112,7 @@ async fn a_worker_goes_on_while_its_cable_is_cut_and_is_back_within_ten_seconds(
     let _server = serve(&cable, &directory, &db).await;
     let spool_text = spool.to_str().unwrap();
     let args = [&["work", "--threads", "1", "--spool", spool_text], &JOIN[..]].concat();
-    let _worker = Running::start_in(Some(&cable.ends[1]), &args);
+    let _worker = Running::start_in_namespace(&cable.ends[1], &args);
     until(&db, "select count(*) from result", |done| done >= 2).await;
 
     cable.cut();

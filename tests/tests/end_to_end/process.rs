@@ -37,7 +37,13 @@ fn furrow(namespace: Option<&str>, args: &[&str]) -> Command {
     if let Some(namespace) = namespace {
         command.args(["netns", "exec", namespace]).arg(program());
     }
-    command.args(args).env_remove("FURROW_LOG").env_remove("RUST_BACKTRACE").stdin(Stdio::null()).kill_on_drop(true);
+    command
+        .args(args)
+        .env_remove("FURROW_LOG")
+        .env_remove("FURROW_JOIN")
+        .env_remove("RUST_BACKTRACE")
+        .stdin(Stdio::null())
+        .kill_on_drop(true);
     // The user's own state is left alone.
     command.env("XDG_STATE_HOME", env!("CARGO_TARGET_TMPDIR"));
     command
@@ -52,13 +58,24 @@ pub(crate) struct Running {
 impl Running {
     /// Starts `furrow` with these arguments; its standard output is piped.
     pub(crate) fn start(args: &[&str]) -> Self {
-        Self::start_in(None, args)
+        Self::start_in(args, &[])
+    }
+
+    /// The same in this environment.
+    pub(crate) fn start_in(args: &[&str], environment: &[(&str, &str)]) -> Self {
+        let mut command = furrow(None, args);
+        command.envs(environment.iter().copied());
+        Self::spawn(command)
     }
 
     /// The same in a network namespace.
-    pub(crate) fn start_in(namespace: Option<&str>, args: &[&str]) -> Self {
+    pub(crate) fn start_in_namespace(namespace: &str, args: &[&str]) -> Self {
+        Self::spawn(furrow(Some(namespace), args))
+    }
+
+    fn spawn(mut command: Command) -> Self {
         let (file, log): (File, TempPath) = tempfile::NamedTempFile::new().unwrap().into_parts();
-        let child = furrow(namespace, args).stdout(Stdio::piped()).stderr(file).spawn().expect("furrow can be started");
+        let child = command.stdout(Stdio::piped()).stderr(file).spawn().expect("furrow can be started");
         Self { child, log }
     }
 
@@ -67,6 +84,24 @@ impl Running {
         let pid = self.child.id().expect("the process still runs").to_string();
         let sent = Command::new("sh").args(["-c", "kill -\"$1\" \"$0\"", &pid, name]).status().await.unwrap();
         assert!(sent.success());
+    }
+
+    /// What it has logged so far.
+    pub(crate) fn log(&self) -> String {
+        fs::read_to_string(&self.log).unwrap()
+    }
+
+    /// Waits until the process ends by itself; its exit code.
+    pub(crate) async fn ended(&mut self) -> Option<i32> {
+        let ended = timeout(PATIENCE, self.child.wait()).await;
+        ended.unwrap_or_else(|_| panic!("the process does not end")).unwrap().code()
+    }
+
+    /// Waits until the process ends by itself; its exit code and its log.
+    pub(crate) async fn ends(&mut self, within: Duration) -> (Option<i32>, String) {
+        let ended = timeout(within, self.child.wait()).await;
+        let status = ended.unwrap_or_else(|_| panic!("the process goes on for {within:?}")).unwrap();
+        (status.code(), fs::read_to_string(&self.log).unwrap_or_default())
     }
 
     /// Asks the process to end, as a service manager does, and waits until it has.

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use furrow_coordinator::Config;
 use reqwest::{Client, Method, Response, StatusCode};
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, BufReader, Lines};
@@ -28,6 +27,8 @@ pub(crate) struct Server {
     pub(crate) endpoint: String,
     /// Where workers keep their finished runs: beside the database.
     pub(crate) spool: String,
+    /// What it printed until it was ready.
+    pub(crate) said: Vec<String>,
     client: Client,
     _stdout: Lines<BufReader<ChildStdout>>,
 }
@@ -43,18 +44,29 @@ impl Server {
 
     /// The same, where workers know it.
     pub(crate) async fn start_at(db: &str, threads: u32, endpoint: &str) -> Self {
-        Self::start_with(db, threads, endpoint, Config::DEFAULT_MAX_ATTEMPTS).await
+        // Every run counts in these tests: none is done twice to verify it.
+        Self::launch(db, threads, endpoint, "0").await
     }
 
-    /// The same, where so many workers may die of a job.
-    pub(crate) async fn start_with(db: &str, threads: u32, endpoint: &str, max_attempts: u32) -> Self {
-        let (threads, deaths) = (threads.to_string(), max_attempts.to_string());
-        let args = ["serve", "--db", db, "--http", "127.0.0.1:0", "--zenoh", endpoint, "--threads", &threads];
-        let mut process = Running::start(&[&args[..], &["--max-attempts", &deaths]].concat());
+    /// Serves `db` to other processes, and has this share of the results computed again.
+    pub(crate) async fn verifying(db: &str, share: &str) -> Self {
+        Self::launch(db, 0, "tcp/127.0.0.1:0", share).await
+    }
+
+    async fn launch(db: &str, threads: u32, endpoint: &str, verify: &str) -> Self {
+        Self::start_with(db, &["--zenoh", endpoint, "--threads", &threads.to_string(), "--verify", verify], &[]).await
+    }
+
+    /// Serves the database `db` with these arguments and this environment.
+    pub(crate) async fn start_with(db: &str, more: &[&str], environment: &[(&str, &str)]) -> Self {
+        let mut args = vec!["serve", "--db", db, "--http", "127.0.0.1:0"];
+        args.extend(more);
+        let mut process = Running::start_in(&args, environment);
         let mut stdout = BufReader::new(process.child.stdout.take().expect("it is piped")).lines();
-        let (url, endpoint) = timeout(READY_WITHIN, announced(&mut stdout)).await.expect("furrow serve is not ready");
+        let ready = timeout(READY_WITHIN, announced(&mut stdout)).await.expect("furrow serve is not ready");
+        let (url, endpoint, said) = ready;
         let spool = format!("{db}.spool");
-        Self { process, url, endpoint, spool, client: Client::new(), _stdout: stdout }
+        Self { process, url, endpoint, spool, said, client: Client::new(), _stdout: stdout }
     }
 
     /// Starts a worker process with one thread.
@@ -147,19 +159,20 @@ impl Server {
     }
 }
 
-/// Reads the lines in which a server says where it listens.
-async fn announced(stdout: &mut Lines<BufReader<ChildStdout>>) -> (String, String) {
-    let (mut url, mut endpoint) = (None, None);
+/// Reads the lines in which a server says where it listens; these, and all lines up to them.
+async fn announced(stdout: &mut Lines<BufReader<ChildStdout>>) -> (String, String, Vec<String>) {
+    let (mut url, mut endpoint, mut said) = (None, None, Vec::new());
     while let Some(line) = stdout.next_line().await.unwrap() {
         for word in line.split_whitespace() {
             if word.starts_with("http://") {
                 url = Some(word.to_owned());
-            } else if word.starts_with("tcp/") {
+            } else if word.starts_with("tcp/") || word.starts_with("quic/") {
                 endpoint = Some(word.to_owned());
             }
         }
+        said.push(line);
         if let (Some(url), Some(endpoint)) = (&url, &endpoint) {
-            return (url.clone(), endpoint.clone());
+            return (url.clone(), endpoint.clone(), said);
         }
     }
     panic!("furrow serve ended before it said where it listens");

@@ -7,9 +7,11 @@ use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use furrow_schema::id::{Credential, WorkerId};
+use rcgen::{KeyPair, PKCS_ED25519};
 use serde::{Deserialize, Serialize};
 
 use super::SpoolError;
+use crate::lan::Enrolment;
 
 /// So many workers may share a place.
 const MOST_WORKERS: u32 = 1_024;
@@ -20,6 +22,10 @@ const FILE_MODE: u32 = 0o600;
 const LOCK: &str = "lock";
 /// Who the worker is.
 const IDENTITY: &str = "identity.json";
+/// What it has from the coordinator of a local network.
+const ENROLMENT: &str = "enrolment.json";
+/// The private key for it.
+const KEY: &str = "key.pem";
 
 /// Who a worker is, and what it proves that with.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -104,11 +110,7 @@ impl Folder {
     /// The identity in it; a new one in a new folder. What cannot be read is kept aside.
     pub(super) fn identity(&self) -> io::Result<Identity> {
         let path = self.path.join(IDENTITY);
-        let text = match std::fs::read(&path) {
-            Ok(text) => text,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return self.draw_identity(),
-            Err(error) => return Err(error),
-        };
+        let Some(text) = found(std::fs::read(&path))? else { return self.draw_identity() };
         match serde_json::from_slice(&text) {
             Ok(identity) => Ok(identity),
             Err(_) => {
@@ -123,11 +125,43 @@ impl Folder {
         }
     }
 
+    /// What the worker has from a coordinator. One that cannot be read is none: the worker has to join again.
+    pub(super) fn enrolment(&self) -> io::Result<Option<Enrolment>> {
+        let Some(text) = found(std::fs::read(self.path.join(ENROLMENT)))? else { return Ok(None) };
+        let enrolment = serde_json::from_slice(&text);
+        Ok(enrolment
+            .inspect_err(|_| tracing::warn!("the worker's enrolment cannot be read: it has to join again"))
+            .ok())
+    }
+
+    pub(super) fn keep_enrolment(&self, enrolment: &Enrolment) -> io::Result<()> {
+        let text = serde_json::to_vec(enrolment)?;
+        self.replace(ENROLMENT, |file| file.write_all(&text)).map(drop)
+    }
+
+    /// The key in it; a new one if there is none.
+    pub(super) fn key_pem(&self) -> io::Result<String> {
+        if let Some(pem) = found(std::fs::read_to_string(self.path.join(KEY)))? {
+            return Ok(pem);
+        }
+        let pem = KeyPair::generate_for(&PKCS_ED25519).map_err(io::Error::other)?.serialize_pem();
+        self.replace(KEY, |file| file.write_all(pem.as_bytes()))?;
+        Ok(pem)
+    }
+
     fn draw_identity(&self) -> io::Result<Identity> {
         let identity = Identity::random();
         let text = serde_json::to_vec(&identity)?;
         self.replace(IDENTITY, |file| file.write_all(&text))?;
         Ok(identity)
+    }
+}
+
+/// Nothing if there is no such file.
+fn found<T>(read: io::Result<T>) -> io::Result<Option<T>> {
+    match read {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        read => read.map(Some),
     }
 }
 
@@ -165,6 +199,32 @@ mod tests {
         assert_eq!(mode(folder.path()), FOLDER_MODE);
         assert_eq!(mode(&place.path().join("a/b")), FOLDER_MODE);
         assert_eq!(mode(&folder.path().join(IDENTITY)), FILE_MODE);
+    }
+
+    #[test]
+    fn a_key_and_an_enrolment_stay_and_are_read_by_their_owner_alone() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = Folder::take(place.path()).unwrap();
+        assert_eq!(folder.enrolment().unwrap(), None);
+        let enrolment = Enrolment {
+            coordinator: "c0ffee".to_owned(),
+            namespace: "default".to_owned(),
+            endpoints: vec!["quic/192.0.2.2:7447".to_owned()],
+            authority_pem: String::new(),
+            certificate_pem: String::new(),
+            certificate_ms: [1, 2],
+            credential: Credential::random(),
+        };
+        folder.keep_enrolment(&enrolment).unwrap();
+        assert_eq!(folder.enrolment().unwrap().as_ref(), Some(&enrolment));
+        assert!(!format!("{enrolment:?}").contains(enrolment.credential.as_str()));
+        let key = folder.key_pem().unwrap();
+        assert_eq!(folder.key_pem().unwrap(), key);
+        for name in [ENROLMENT, KEY] {
+            assert_eq!(mode(&folder.path().join(name)), FILE_MODE, "{name}");
+        }
+        std::fs::write(folder.path().join(ENROLMENT), "{").unwrap();
+        assert_eq!(folder.enrolment().unwrap(), None);
     }
 
     #[test]

@@ -202,6 +202,21 @@ async fn a_refusal_in_the_middle_of_work_ends_the_worker_and_its_runs() {
 }
 
 #[tokio::test]
+async fn a_barred_worker_hears_of_it_when_it_renews_and_ends_with_its_runs() {
+    let queue = queue();
+    queue.with(|state| state.retry_after_ms = Some(60_000));
+    queue.submit(r#""endless""#, 1..=2);
+    let life = Life::begin(Arc::clone(&queue), 1);
+    // Nothing is claimed or reported any more: one job runs, the other waits.
+    queue.until(|state| state.renewals.iter().any(|renew| renew.held.len() == 2).then_some(())).await;
+    let refusal = Refusal::Barred { detail: "its result of job 1 differs".to_owned() };
+    queue.with(|state| state.refusal = Some(refusal.clone()));
+    let Err(error) = life.worker.await.unwrap() else { panic!("a barred worker ends") };
+    assert!(error.to_string().ends_with("this worker is barred: its result of job 1 differs"), "{error}");
+    assert!(matches!(error, WorkerError::Refused(reason) if reason == refusal));
+}
+
+#[tokio::test]
 async fn two_runs_go_on_at_once() {
     let queue = queue();
     queue.submit(r#""meet""#, 1..=2);

@@ -10,6 +10,7 @@ use zenoh::config::{EndPoint, WhatAmI};
 
 use super::session::{configure, coordinators, open};
 use super::{ConnectConfig, ConnectError};
+use crate::lan::Certificates;
 
 /// Once somebody answered a scout, others have this long to answer, too.
 const STRAGGLERS: Duration = Duration::from_millis(300);
@@ -17,9 +18,6 @@ const STRAGGLERS: Duration = Duration::from_millis(300);
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 /// A coordinator that is there answers a scout within this time.
 const ROUND: Duration = Duration::from_millis(1_500);
-/// The one transport that is compiled in.
-const PROTOCOL: &str = "tcp";
-
 /// A session that ends at a coordinator.
 pub(super) struct Found {
     pub(super) session: Session,
@@ -32,7 +30,8 @@ pub(super) async fn find(config: &ConnectConfig) -> Result<Found, ConnectError> 
     check_namespace(&config.namespace)?;
     let search = async {
         match &config.endpoint {
-            Some(endpoint) => at(endpoint, &config.namespace).await,
+            Some(endpoint) => at(std::slice::from_ref(endpoint), config).await,
+            None if config.certificates.is_some() => at(&config.known, config).await,
             None => by_scouting(config).await,
         }
     };
@@ -47,47 +46,63 @@ fn check_namespace(namespace: &str) -> Result<(), ConnectError> {
 }
 
 fn nobody(config: &ConnectConfig, patience: Duration) -> ConnectError {
-    let place = match (&config.endpoint, config.lan) {
-        (Some(endpoint), _) => format!("at {endpoint}"),
-        (None, true) => "on the local network".to_owned(),
-        (None, false) => "on this machine".to_owned(),
+    let place = match &config.endpoint {
+        Some(endpoint) => format!("at {endpoint}"),
+        None if config.certificates.is_some() => format!("at {}", config.known.join(", ")),
+        None => "on this machine".to_owned(),
     };
     let place = format!("{place} within {} s", patience.as_secs_f64());
     ConnectError::NoCoordinator { place, namespace: config.namespace.clone() }
 }
 
-/// Waits at one endpoint until a coordinator serves there.
-async fn at(endpoint: &str, namespace: &str) -> Result<Found, ConnectError> {
-    check_endpoint(endpoint)?;
-    let session = loop {
-        match open(&[endpoint.to_owned()]).await {
-            Ok(session) => break session,
-            Err(error) => tracing::debug!(%error, endpoint, "trying again"),
-        }
-        tokio::time::sleep(LOOK_AGAIN).await;
-    };
+/// Waits at these endpoints until a coordinator serves at one of them.
+async fn at(endpoints: &[String], config: &ConnectConfig) -> Result<Found, ConnectError> {
+    let certificates = config.certificates.as_ref();
+    let (session, endpoint) = open_first(endpoints, certificates).await?;
     loop {
-        let found = coordinators(&session, namespace).await;
+        let found = coordinators(&session, &config.namespace).await;
         match found.as_slice() {
             [] => tokio::time::sleep(LOOK_AGAIN).await,
             [coordinator] => {
-                return Ok(Found { session, endpoint: endpoint.to_owned(), coordinator: coordinator.clone() });
+                return Ok(Found { session, endpoint, coordinator: coordinator.clone() });
             }
             _ => return Err(ConnectError::Ambiguous { endpoints: found }),
         }
     }
 }
 
-fn check_endpoint(endpoint: &str) -> Result<(), ConnectError> {
+/// Tries one endpoint after the other, again and again, until somebody is there; says where.
+pub(super) async fn open_first(
+    endpoints: &[String],
+    certificates: Option<&Certificates>,
+) -> Result<(Session, String), ConnectError> {
+    for endpoint in endpoints {
+        check_endpoint(endpoint, certificates.is_some())?;
+    }
+    loop {
+        for endpoint in endpoints {
+            match open(std::slice::from_ref(endpoint), certificates).await {
+                Ok(session) => return Ok((session, endpoint.clone())),
+                Err(error) => tracing::debug!(%error, endpoint, "trying again"),
+            }
+        }
+        tokio::time::sleep(LOOK_AGAIN).await;
+    }
+}
+
+fn check_endpoint(endpoint: &str, secure: bool) -> Result<(), ConnectError> {
     let bad = |reason: String| ConnectError::BadEndpoint { endpoint: endpoint.to_owned(), reason };
     let parsed: EndPoint = endpoint.parse().map_err(|error: zenoh::Error| bad(error.to_string()))?;
-    if parsed.protocol().as_str() != PROTOCOL {
-        return Err(bad(format!("the protocol `{}` is not supported", parsed.protocol())));
+    match (parsed.protocol().as_str(), secure) {
+        ("tcp", false) | ("quic", true) => {}
+        ("quic", false) => return Err(bad("to use QUIC the worker has to join first (--join)".to_owned())),
+        (protocol, _) => return Err(bad(format!("the protocol `{protocol}` is not supported"))),
     }
     let address = parsed.address();
     let port = address.as_str().rsplit_once(':').and_then(|(host, port)| (!host.is_empty()).then_some(port));
     match port.map(str::parse::<u16>) {
-        Some(Ok(1..)) => Ok(()),
+        Some(Ok(1..)) if !secure || parsed.config().is_empty() => Ok(()),
+        Some(Ok(1..)) => Err(bad("nothing may follow the port".to_owned())),
         _ => Err(bad("it needs a host and a port from 1 to 65535".to_owned())),
     }
 }
@@ -95,7 +110,7 @@ fn check_endpoint(endpoint: &str) -> Result<(), ConnectError> {
 /// Scouts again and again, and asks whoever answers whether it is a coordinator of the namespace.
 async fn by_scouting(config: &ConnectConfig) -> Result<Found, ConnectError> {
     loop {
-        let mut found = coordinators_among(scout(config.lan).await?, &config.namespace).await;
+        let mut found = coordinators_among(scout().await?, &config.namespace).await;
         match found.len() {
             0 => tokio::time::sleep(LOOK_AGAIN).await,
             1 => return Ok(found.remove(0)),
@@ -107,9 +122,16 @@ async fn by_scouting(config: &ConnectConfig) -> Result<Found, ConnectError> {
     }
 }
 
-/// Scouts once, for a short time: every coordinator of the namespace that answers.
-pub(super) async fn scouted(config: &ConnectConfig) -> Vec<Found> {
-    match timeout(ROUND, scout(config.lan)).await {
+/// Looks once, for a short time, where coordinators of the namespace may be now.
+pub(super) async fn elsewhere(config: &ConnectConfig) -> Vec<Found> {
+    if config.certificates.is_some() {
+        // The session itself goes on trying the address that it had.
+        if config.known.len() < 2 {
+            return Vec::new();
+        }
+        return timeout(ROUND, at(&config.known, config)).await.ok().and_then(Result::ok).into_iter().collect();
+    }
+    match timeout(ROUND, scout()).await {
         Ok(Ok(answers)) => coordinators_among(answers, &config.namespace).await,
         Ok(Err(error)) => {
             tracing::debug!(%error, "cannot scout");
@@ -129,9 +151,8 @@ async fn coordinators_among(answers: BTreeMap<String, Vec<String>>, namespace: &
 }
 
 /// The locators of everybody who answers, by Zenoh id. Waits for the first, and a little for the others.
-async fn scout(lan: bool) -> Result<BTreeMap<String, Vec<String>>, ConnectError> {
-    let interface = if lan { "auto" } else { "127.0.0.1" };
-    let config = configure(&[("scouting/multicast/interface", json!(interface))]).map_err(session_error)?;
+async fn scout() -> Result<BTreeMap<String, Vec<String>>, ConnectError> {
+    let config = configure(&[("scouting/multicast/interface", json!("127.0.0.1"))]).map_err(session_error)?;
     let scout = zenoh::scout(WhatAmI::Peer | WhatAmI::Router, config).await.map_err(session_error)?;
     let mut answers = BTreeMap::new();
     let mut until = None;
@@ -148,9 +169,10 @@ async fn scout(lan: bool) -> Result<BTreeMap<String, Vec<String>>, ConnectError>
 
 /// A session with the party behind these locators, if it is a coordinator of the namespace.
 async fn coordinator_at(locators: &[String], namespace: &str) -> Option<Found> {
-    let locators: Vec<String> = locators.iter().filter(|locator| check_endpoint(locator).is_ok()).cloned().collect();
+    let locators: Vec<String> =
+        locators.iter().filter(|locator| check_endpoint(locator, false).is_ok()).cloned().collect();
     let endpoint = locators.first()?.clone();
-    let session = open(&locators).await.ok()?;
+    let session = open(&locators, None).await.ok()?;
     let coordinator = coordinators(&session, namespace).await.into_iter().next()?;
     Some(Found { session, endpoint, coordinator })
 }

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use furrow_schema::id::WorkerId;
-use furrow_schema::protocol::{KEY_PREFIX, coordinator_key};
+use furrow_schema::protocol::coordinator_key;
 use serde_json::{Value, json};
 use zenoh::config::Config;
 use zenoh::{Session, Wait};
+
+use crate::lan::Certificates;
 
 /// Coordinators answer a question about their liveliness within this time.
 const ROLL_CALL: Duration = Duration::from_secs(2);
@@ -14,11 +15,6 @@ const ROLL_CALL: Duration = Duration::from_secs(2);
 const OPEN_ATTEMPT: Duration = Duration::from_millis(1_500);
 /// A peer that shows no life for this long is taken for dead.
 const LINK_LEASE: Duration = Duration::from_secs(2);
-
-/// The key of the liveliness token that `worker` holds while it lives.
-pub(super) fn worker_key(namespace: &str, coordinator: &str, worker: &WorkerId) -> String {
-    format!("{KEY_PREFIX}/{namespace}/{coordinator}/worker/{worker}")
-}
 
 /// A Zenoh configuration with `settings` made in it.
 pub(super) fn configure(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
@@ -29,13 +25,14 @@ pub(super) fn configure(settings: &[(&str, Value)]) -> Result<Config, zenoh::Err
     Ok(config)
 }
 
-/// Opens a client session with the one party that these endpoints lead to. It connects again after a break.
+/// Opens a client session with the one party that these endpoints lead to, over QUIC if there are certificates for it
+/// and over TCP otherwise. It connects again after a break.
 ///
 /// Opening blocks its thread and cannot be cancelled, so each attempt is short and has a thread for it. Zenoh's own
 /// unbounded wait (`timeout_ms: -1`) would hold that thread, and with it the end of the process, for ever; the
 /// connection after a break does not depend on it.
-pub(super) async fn open(endpoints: &[String]) -> Result<Session, zenoh::Error> {
-    let config = configure(&[
+pub(super) async fn open(endpoints: &[String], certificates: Option<&Certificates>) -> Result<Session, zenoh::Error> {
+    let mut config = configure(&[
         ("mode", json!("client")),
         ("connect/endpoints", json!(endpoints)),
         ("connect/timeout_ms", json!(OPEN_ATTEMPT.as_millis() as u64)),
@@ -45,7 +42,11 @@ pub(super) async fn open(endpoints: &[String]) -> Result<Session, zenoh::Error> 
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
         ("transport/link/tx/lease", json!(LINK_LEASE.as_millis() as u64)),
+        ("transport/link/protocols", json!(["tcp"])),
     ])?;
+    for (path, value) in certificates.iter().flat_map(|certificates| certificates.settings()) {
+        config.insert_json5(path, &value.to_string())?;
+    }
     tokio::task::spawn_blocking(|| zenoh::open(config).wait()).await?
 }
 

@@ -1,9 +1,10 @@
 //! The link over real Zenoh sessions, against a coordinator that answers by rote.
 
 use furrow_schema::id::{Credential, EngineId, RequestId};
-use furrow_schema::protocol::{KEY_PREFIX, Refusal, coordinator_key};
+use furrow_schema::protocol::{KEY_PREFIX, Refusal, coordinator_key, work_key};
 use serde_json::json;
 use zenoh::handlers::FifoChannelHandler;
+use zenoh::liveliness::LivelinessToken;
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Sample, SampleKind};
 
@@ -231,4 +232,21 @@ async fn a_coordinator_sees_a_worker_come_and_go() {
     link.close().await;
     assert_eq!(workers.recv_async().await.unwrap().kind(), SampleKind::Delete);
     assert_eq!(link.claim(claim()).await, Err(LinkError::Closed));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_hint_of_the_coordinator_changes_what_an_idle_worker_waits_for() {
+    let coordinator = Coordinator::serve(&own_namespace(), "c1", &own_endpoint()).await;
+    let link = ZenohLink::connect(coordinator.config()).await.unwrap();
+    let mut changes = link.changes().unwrap();
+    link.hello(hello()).await.unwrap();
+    let key = work_key(&coordinator.namespace, "c1");
+    let hinted = async {
+        // A worker's ear needs a moment to be known at the other end.
+        let short = Duration::from_millis(100);
+        while tokio::time::timeout(short, changes.changed()).await.is_err() {
+            coordinator.session.put(&key, Vec::new()).await.unwrap();
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(10), hinted).await.expect("a hint is heard");
 }

@@ -5,6 +5,7 @@ mod problems;
 mod publications;
 mod resources;
 mod runs;
+mod workers;
 
 use std::collections::BTreeMap;
 

@@ -1,0 +1,84 @@
+//! Runs that do nothing, or use the processor for a while.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use furrow_schema::id::Digest;
+use furrow_schema::job::{RunRecord, Timings};
+use furrow_worker::{Order, Runner};
+
+use super::process::thread_cpu_ns;
+
+/// Metrics of a run, as many as a real one has.
+const METRICS: [&str; 8] = [
+    "success",
+    "mean_squared_error_mm2",
+    "points_processed",
+    "rows_completed",
+    "simulated_s",
+    "crop_damage",
+    "distance_m",
+    "cross_track_rms_m",
+];
+
+/// Takes so much processor time for a run, and makes up its record from scenario and seed.
+#[derive(Debug, Clone, Copy)]
+pub struct Idle {
+    /// Processor time of a run.
+    pub run: Duration,
+}
+
+impl Runner for Idle {
+    type Scenario = String;
+
+    fn read(&self, scenario_json: &str) -> Result<String, String> {
+        Ok(scenario_json.to_owned())
+    }
+
+    fn run(&self, scenario: &String, order: Order, _stop: &AtomicBool) -> Option<RunRecord> {
+        burn(self.run);
+        Some(record(scenario, order.seed))
+    }
+}
+
+/// A record that is a function of scenario and seed.
+pub(super) fn record(scenario: &str, seed: u64) -> RunRecord {
+    let value = |place: usize| (seed % 1_000) as f64 / (place + 1) as f64 + scenario.len() as f64;
+    let metrics = METRICS.iter().enumerate().map(|(place, name)| ((*name).to_owned(), value(place)));
+    let mut digest = [0; 32];
+    digest[..8].copy_from_slice(&seed.to_le_bytes());
+    RunRecord {
+        digest: Digest(digest),
+        outcome: "success".to_owned(),
+        metrics: metrics.collect(),
+        timings: Timings::default(),
+        trajectory: None,
+    }
+}
+
+/// Uses the processor for `time`, whoever else uses it meanwhile.
+fn burn(time: Duration) {
+    let Ok(began) = thread_cpu_ns() else { return std::thread::sleep(time) };
+    let used = || thread_cpu_ns().map_or(u64::MAX, |now| now - began);
+    while !time.is_zero() && u128::from(used()) < time.as_nanos() {
+        std::hint::spin_loop();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_jobs_have_equal_records() {
+        assert_eq!(record("{}", 3), record("{}", 3));
+        assert_ne!(record("{}", 3).digest, record("{}", 4).digest);
+    }
+
+    #[test]
+    fn a_run_uses_the_time_that_was_asked_for() {
+        let before = thread_cpu_ns().unwrap();
+        burn(Duration::from_millis(2));
+        assert!(thread_cpu_ns().unwrap() - before >= 2_000_000);
+    }
+}

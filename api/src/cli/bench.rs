@@ -1,0 +1,197 @@
+//! `furrow bench`: how fast the queue is on this machine.
+
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+
+use furrow_worker::Config;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use tokio::io::{AsyncBufReadExt, BufReader, Lines};
+use tokio::process::{Child, ChildStdout, Command};
+
+use super::error::CliError;
+use super::{output, stop, threads};
+use crate::bench::coordinator::Host;
+use crate::bench::idle::Idle;
+use crate::bench::{Figures, Load, Ready, worker};
+
+/// Measure how fast the queue is on this machine
+#[derive(Debug, clap::Args)]
+pub(super) struct BenchArgs {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum What {
+    Queue(QueueArgs),
+    #[command(hide = true)]
+    QueueCoordinator(CoordinatorArgs),
+    #[command(hide = true)]
+    QueueWorker(WorkerArgs),
+}
+
+/// Idle jobs, claimed, run and durably recorded, between a coordinator and workers in processes of their own
+#[derive(Debug, clap::Args)]
+struct QueueArgs {
+    /// Jobs of the sweep
+    #[arg(long, value_name = "N", default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    jobs: u64,
+    /// Cells of the sweep's table
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    cells: u64,
+    /// Worker processes
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=256))]
+    workers: u64,
+    /// Threads of each worker
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = threads())]
+    threads: u64,
+    /// Processor time of each run [ms]
+    #[arg(long, value_name = "MS", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=60_000))]
+    job_ms: u64,
+    /// Each worker holds this many conversations, and claims and reports job by job; 0: in batches, as workers do
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=1_000))]
+    one_by_one: u64,
+    /// Where the database is made and removed again; the system's folder for temporary files if not given
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+    /// One JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct CoordinatorArgs {
+    #[arg(long)]
+    db: PathBuf,
+    #[arg(long)]
+    jobs: u64,
+    #[arg(long)]
+    cells: u64,
+}
+
+#[derive(Debug, clap::Args)]
+struct WorkerArgs {
+    #[arg(long)]
+    connect: String,
+    #[arg(long)]
+    spool: PathBuf,
+    #[arg(long)]
+    threads: usize,
+    #[arg(long)]
+    job_ms: u64,
+    #[arg(long)]
+    one_by_one: usize,
+}
+
+/// What is printed.
+#[derive(Debug, Serialize)]
+struct Answer {
+    #[serde(flatten)]
+    figures: Figures,
+    workers: u64,
+    threads: u64,
+    job_ms: u64,
+    /// The share of the workers' time that was not spent on runs [%]; null for runs that take none.
+    overhead_percent: Option<f64>,
+}
+
+/// # Errors
+/// A process cannot be started or ends before its time.
+pub(super) async fn run(args: BenchArgs) -> Result<(), CliError> {
+    match args.what {
+        What::Queue(args) => queue(&args).await,
+        What::QueueCoordinator(args) => coordinate(&args).await,
+        What::QueueWorker(args) => work(args).await,
+    }
+}
+
+async fn queue(args: &QueueArgs) -> Result<(), CliError> {
+    let new_folder = |args: &QueueArgs| match &args.dir {
+        Some(dir) => tempfile::tempdir_in(dir),
+        None => tempfile::tempdir(),
+    };
+    let folder = new_folder(args).map_err(CliError::bad_input("--dir"))?;
+    let db = folder.path().join("queue.db");
+    let (jobs, cells) = (args.jobs.to_string(), args.cells.to_string());
+    let mut coordinator = child(&["queue-coordinator", "--jobs", &jobs, "--cells", &cells, "--db"], &db)?;
+    let mut lines = lines_of(&mut coordinator)?;
+    let ready: Ready = next(&mut lines).await?;
+    let workers = (0..args.workers).map(|number| start_worker(args, &ready, &folder.path().join(number.to_string())));
+    let workers = workers.collect::<Result<Vec<_>, _>>()?;
+    let figures = next(&mut lines).await;
+    for mut worker in workers {
+        // It may have ended by itself when the coordinator left.
+        let _ = worker.kill().await;
+    }
+    let ended = coordinator.wait().await.map_err(CliError::failed("the coordinator"))?;
+    let figures = figures.map_err(|error| CliError::Failed(format!("the coordinator ended with {ended}: {error}")))?;
+    show(args, figures)
+}
+
+fn start_worker(args: &QueueArgs, ready: &Ready, spool: &Path) -> Result<Child, CliError> {
+    let (threads, job_ms, one_by_one) =
+        (args.threads.to_string(), args.job_ms.to_string(), args.one_by_one.to_string());
+    let words = ["queue-worker", "--connect", &ready.endpoint, "--threads", &threads, "--job-ms", &job_ms];
+    let more = ["--one-by-one", &one_by_one, "--spool"];
+    child(&[&words[..], &more[..]].concat(), spool)
+}
+
+fn show(args: &QueueArgs, figures: Figures) -> Result<(), CliError> {
+    let busy_s = figures.jobs as f64 * args.job_ms as f64 / 1e3 / (args.workers * args.threads) as f64;
+    let overhead_percent = (args.job_ms > 0).then(|| 100.0 * (1.0 - busy_s / figures.wall_s));
+    let (workers, threads, job_ms) = (args.workers, args.threads, args.job_ms);
+    let answer = Answer { figures, workers, threads, job_ms, overhead_percent };
+    if args.json {
+        return output::json(&answer);
+    }
+    let Figures { jobs, wall_s, jobs_per_s, coordinator_cpu_us_per_job, .. } = &answer.figures;
+    let Figures { coordinator_rss_mb, coordinator_peak_rss_mb, .. } = &answer.figures;
+    output::line(&format!(
+        "{jobs} jobs in {wall_s:.1} s: {jobs_per_s:.0} jobs/s, {workers} workers of {threads} threads"
+    ))?;
+    output::line(&format!(
+        "coordinator: {coordinator_cpu_us_per_job:.1} us of processor time a job, \
+         {coordinator_rss_mb:.0} MB with all jobs queued, {coordinator_peak_rss_mb:.0} MB at most"
+    ))?;
+    overhead_percent.map_or(Ok(()), |percent| output::line(&format!("overhead on runs of {job_ms} ms: {percent:.2} %")))
+}
+
+fn child(words: &[&str], path: &Path) -> Result<Child, CliError> {
+    let program = std::env::current_exe().map_err(CliError::failed("this program cannot be found"))?;
+    let mut command = Command::new(program);
+    command.arg("bench").args(words).arg(path).stdin(Stdio::null()).stdout(Stdio::piped()).kill_on_drop(true);
+    command.spawn().map_err(CliError::failed("cannot start a process"))
+}
+
+fn lines_of(child: &mut Child) -> Result<Lines<BufReader<ChildStdout>>, CliError> {
+    let out = child.stdout.take().ok_or_else(|| CliError::Failed("a process without output".to_owned()))?;
+    Ok(BufReader::new(out).lines())
+}
+
+async fn next<T: DeserializeOwned>(lines: &mut Lines<BufReader<ChildStdout>>) -> Result<T, CliError> {
+    let line = lines.next_line().await?.ok_or_else(|| CliError::Failed("a process ended too early".to_owned()))?;
+    serde_json::from_str(&line).map_err(CliError::failed("a process said something else"))
+}
+
+async fn coordinate(args: &CoordinatorArgs) -> Result<(), CliError> {
+    let load = Load { jobs: args.jobs, cells: args.cells };
+    let host = Host::start(&args.db, load, crate::engine()).await?;
+    say(&Ready { endpoint: host.endpoint().to_owned() })?;
+    say(&host.measure().await?)
+}
+
+fn say(value: &impl Serialize) -> Result<(), CliError> {
+    output::line(&serde_json::to_string(value).map_err(CliError::failed("cannot write JSON"))?)
+}
+
+async fn work(args: WorkerArgs) -> Result<(), CliError> {
+    let stop = stop::on_signals()?;
+    if args.one_by_one > 0 {
+        return worker::work_one_by_one(&args.connect, crate::engine(), args.one_by_one, stop).await;
+    }
+    let config = Config { name: "idle".to_owned(), threads: args.threads, engine: crate::engine() };
+    let runs = Idle { run: Duration::from_millis(args.job_ms) };
+    worker::work(&args.connect, config, &args.spool, runs, stop).await
+}
