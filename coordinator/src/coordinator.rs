@@ -77,7 +77,19 @@ impl Coordinator {
         let rates = writer::WriterRates::starting_at(config.clock.now_ms());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
         tokio::spawn(close_when_asked(store.clone(), stop.clone(), stopped.clone()));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, changed, work, stop, stopped, tasks: Vec::new() }) }
+        Self {
+            shared: Arc::new(Shared {
+                store,
+                config,
+                commands,
+                rates,
+                changed,
+                work,
+                stop,
+                stopped,
+                tasks: Vec::new(),
+            }),
+        }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.

@@ -160,7 +160,8 @@ impl<R: Runner> Worker<R> {
         let shared = Arc::new(Shared::new(self.config.threads, self.spool.is_some()));
         let pool = self.pool(&shared)?;
         let shares = self.pace.as_ref().map_or_else(Pace::drawn_shares, |pace| Arc::clone(&pace.shares));
-        let conversation = Conversation::new(Arc::clone(&self.link), self.identity.clone(), self.config.hello(), shares);
+        let conversation =
+            Conversation::new(Arc::clone(&self.link), self.identity.clone(), self.config.hello(), shares);
         let welcome = match conversation.say_hello(&stop).await {
             Ok(welcome) => welcome,
             Err(AskError::GivenUp) => return Ok(Summary::default()),

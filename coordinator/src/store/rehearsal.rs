@@ -8,6 +8,7 @@ use sqlx::AssertSqlSafe;
 
 use crate::error::StoreError;
 use crate::store::Store;
+use crate::store::transaction::ROLL_BACK;
 
 /// Each counts what must not be.
 const RULES: &[&str] = &[
@@ -86,6 +87,17 @@ impl Store {
     pub async fn fail_commits_while(&self, failing: Arc<AtomicBool>) -> Result<(), StoreError> {
         let mut conn = self.writer().acquire().await?;
         conn.lock_handle().await?.set_commit_hook(move || !failing.load(Ordering::SeqCst));
+        Ok(())
+    }
+
+    /// Undoes what a killed coordinator had begun and not committed, as the next process does that opens the file.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn undo_unfinished(&self) -> Result<(), StoreError> {
+        let mut conn = self.writer().acquire().await?;
+        // An error says that nothing was begun.
+        let _ = sqlx::query(ROLL_BACK).execute(&mut *conn).await;
         Ok(())
     }
 

@@ -93,9 +93,15 @@ impl Ledger {
 
     pub(super) fn renewed(&mut self, call: &Call<Renew>, renewed: &Renewed, now_ms: i64) -> Vec<String> {
         let mut broken = Vec::new();
+        let asked: BTreeSet<Lease> = call.body.held.iter().map(|held| (held.job, held.attempt)).collect();
         for held in call.body.held.iter().filter(|held| !renewed.lost.contains(&held.job)) {
-            let newest = self.newest.get(&held.job) == Some(&held.attempt);
-            if !newest || self.on_record.contains_key(&held.job) {
+            let newest = self.newest.get(&held.job).copied();
+            let stale = newest != Some(held.attempt);
+            // The answer names jobs: what is not lost may be the newest attempt, if this worker has it, too.
+            if stale && newest.is_some_and(|newest| asked.contains(&(held.job, newest))) {
+                continue;
+            }
+            if stale || self.on_record.contains_key(&held.job) {
                 broken.push(format!("the stale attempt {} of job {} was renewed", held.attempt, held.job));
             } else if let Some(known) = self.held.get_mut(&(held.job, held.attempt)) {
                 (known.heard_ms, known.runs) = (now_ms, held.running);

@@ -2,10 +2,12 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use furrow_coordinator::{AttemptEnd, CellSummary, JobDetail, JobFilter, JobRef, moments::Moments};
 use furrow_schema::job::JobState;
 use furrow_schema::sweep::{Sweep, SweepState};
+use tokio::time::sleep;
 
 use super::database::Database;
 use super::jobs::{Jobs, value};
@@ -16,6 +18,8 @@ use super::world::World;
 
 /// After the last fault everything ends within this time [ms].
 const ENDS_WITHIN_MS: i64 = 400_000;
+/// With its faults no schedule takes longer.
+const NO_LONGER_THAN: Duration = Duration::from_secs(3_600);
 /// So many panics, or deaths, make a job fail.
 const CHANCES: usize = 3;
 
@@ -30,13 +34,24 @@ pub(super) struct Broken {
 /// Runs the schedule of this seed; its trace, if every claim holds.
 pub(super) fn run(seed: u64, database: &Arc<Database>, folder: &Path) -> Result<Vec<String>, Broken> {
     let store = database.store.clone();
-    database.wait(async move { store.empty().await.unwrap() });
+    database.wait(async move {
+        store.undo_unfinished().await.unwrap();
+        store.empty().await.unwrap();
+    });
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let world = runtime.block_on(async {
         let schedule = Schedule::begin(seed, database, folder);
-        schedule.rage().await;
-        schedule.settle().await;
-        schedule.account().await;
+        let course = async {
+            schedule.rage().await;
+            schedule.settle().await;
+            schedule.account().await;
+        };
+        tokio::select! {
+            biased;
+            () = schedule.world.gave_up() => {}
+            () = course => {}
+            () = sleep(NO_LONGER_THAN) => schedule.world.fail("it goes on and on"),
+        }
         schedule.server.die();
         schedule.world.clone()
     });

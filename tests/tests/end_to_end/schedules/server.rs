@@ -82,7 +82,10 @@ impl Server {
         let config = Config { clock: self.world.clock(), leases_hold_for, ..Config::new(ENGINE) };
         self.world.show_time();
         let store = self.database.store.clone();
-        let life = self.database.wait(async { Coordinator::start(store, config) });
+        let life = self.database.wait(async {
+            store.undo_unfinished().await.expect("the store is open");
+            Coordinator::start(store, config)
+        });
         let mut state = self.state.lock().unwrap();
         (state.life, state.since_ms) = (Some(life), self.world.now_ms());
     }
@@ -145,16 +148,12 @@ impl Server {
         };
         let Some(life) = life.filter(|_| !letters.is_empty()) else { return };
         let mishap = self.mishap();
-        if mishap == Mishap::DiesBeforeCommit {
-            self.world.say(format_args!("{mishap:?} of a batch of {}", letters.len()));
-            return self.crash();
-        }
         let questions: Vec<_> = letters.iter().map(|letter| letter.question.clone()).collect();
         let ask = async move { join_all(questions.into_iter().map(|question| ask(&life, question))).await };
         self.world.show_time();
         let answers = match mishap {
-            _ if mishap != Mishap::Unwritable => self.database.wait(ask),
-            _ => self.database.wait_in_vain(ask),
+            Mishap::None | Mishap::DiesAfterCommit => self.database.wait(ask),
+            Mishap::Unwritable | Mishap::DiesBeforeCommit => self.database.wait_in_vain(ask),
         };
         if mishap != Mishap::None {
             self.world.say(format_args!("{mishap:?} in a batch of {}", letters.len()));

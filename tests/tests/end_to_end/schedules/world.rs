@@ -9,6 +9,7 @@ use std::time::Duration;
 use furrow_coordinator::Clock;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use tokio::sync::Notify;
 use tokio::time::{Instant, sleep};
 
 use super::ledger::Ledger;
@@ -39,6 +40,7 @@ pub(super) struct World {
     shown_ms: std::sync::Arc<AtomicI64>,
     trace: Mutex<Vec<String>>,
     broken: Mutex<Option<String>>,
+    gave_up: Notify,
     calm: AtomicBool,
     ledger: Mutex<Ledger>,
     pub(super) mood: Mood,
@@ -48,13 +50,15 @@ impl World {
     pub(super) fn new(seed: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut up_to = |most: u64| random.next_u64() % (most + 1);
-        let mood = Mood { lost: up_to(120), twice: up_to(120), slow: up_to(200), fatal: up_to(25), unwritable: 0 };
+        let mood =
+            Mood { lost: up_to(120), twice: up_to(120), slow: up_to(200), fatal: up_to(25), unwritable: up_to(25) };
         Self {
             random: Mutex::new(random),
             began: Instant::now(),
             shown_ms: std::sync::Arc::new(AtomicI64::new(BEGIN_MS)),
             trace: Mutex::default(),
             broken: Mutex::default(),
+            gave_up: Notify::new(),
             calm: AtomicBool::new(false),
             ledger: Mutex::default(),
             mood,
@@ -112,6 +116,12 @@ impl World {
     pub(super) fn fail(&self, text: impl Display) {
         self.say(format_args!("BROKEN: {text}"));
         self.broken.lock().unwrap().get_or_insert_with(|| text.to_string());
+        self.gave_up.notify_one();
+    }
+
+    /// Waits until a claim does not hold: whoever asks on may wait for ever then.
+    pub(super) async fn gave_up(&self) {
+        self.gave_up.notified().await;
     }
 
     pub(super) fn broken(&self) -> Option<String> {
