@@ -15,13 +15,9 @@ use crate::survival::{BACK_WITHIN_MS, finished_runs, now_ms, number};
 const SKIP: &str = "FURROW_TESTS_SKIP_NETNS";
 /// The coordinator's address and the worker's.
 const ADDRESSES: [&str; 2] = ["10.213.7.1", "10.213.7.2"];
-const ENDPOINT: &str = "tcp/10.213.7.1:7447";
+const ENDPOINT: &str = "quic/10.213.7.1:7447";
 const HTTP: &str = "127.0.0.1:8080";
 const WITHIN: Duration = Duration::from_secs(60);
-
-/// How the coordinator listens beyond its machine, and how a worker finds it there.
-const LISTEN: [&str; 2] = ["--zenoh", ENDPOINT];
-const JOIN: [&str; 2] = ["--connect", ENDPOINT];
 
 /// Two namespaces and the cable between them. They go when dropped.
 struct Cable {
@@ -90,8 +86,10 @@ async fn until(db: &str, query: &str, good: impl Fn(i64) -> bool) {
     timeout(WITHIN, search).await.unwrap_or_else(|_| panic!("{query} never became good"));
 }
 
-async fn serve(cable: &Cable, directory: &TempDir, db: &str) -> Running {
-    let args = [&["serve", "--db", db, "--http", HTTP], &LISTEN[..]].concat();
+/// Serves the network; workers get in with the file `secret`.
+async fn serve(cable: &Cable, directory: &TempDir, db: &str, secret: &str) -> Running {
+    let listen = ["--http", HTTP, "--lan", "--zenoh", ENDPOINT, "--join-out", secret];
+    let args = [&["serve", "--db", db, "--threads", "0", "--verify", "0"], &listen[..]].concat();
     let server = Running::start_in_namespace(&cable.ends[0], &args);
     let plan = file(directory, "plan.json", &plan(60.0, 10));
     let (url, mut looks) = (format!("http://{HTTP}"), interval(Duration::from_millis(100)));
@@ -109,9 +107,9 @@ async fn a_worker_goes_on_while_its_cable_is_cut_and_is_back_within_ten_seconds(
     let Some(cable) = cable() else { return };
     let directory = directory();
     let (db, spool) = (path(&directory, "served.db"), directory.path().join("spool"));
-    let _server = serve(&cable, &directory, &db).await;
-    let spool_text = spool.to_str().unwrap();
-    let args = [&["work", "--threads", "1", "--spool", spool_text], &JOIN[..]].concat();
+    let secret = path(&directory, "secret");
+    let _server = serve(&cable, &directory, &db, &secret).await;
+    let args = ["work", "--threads", "1", "--spool", spool.to_str().unwrap(), "--join", &secret];
     let _worker = Running::start_in_namespace(&cable.ends[1], &args);
     until(&db, "select count(*) from result", |done| done >= 2).await;
 

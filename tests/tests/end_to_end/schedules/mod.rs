@@ -5,7 +5,7 @@
 //! `wire` is the network, `server` the coordinator's process, `machine` a worker's, `jobs` what is to be run, `users` what
 //! people do meanwhile. `ledger` holds every answer against those before, `schedule` is the course and its final account.
 //!
-//! `FURROW_SCHEDULES` says how many (10 000), `FURROW_SCHEDULE_SEED` runs one again.
+//! `FURROW_SCHEDULES` says how many (1 000), `FURROW_SCHEDULE_SEED` runs one again.
 
 mod database;
 mod jobs;
@@ -30,7 +30,7 @@ use schedule::Broken;
 
 const ENGINE: EngineId = EngineId([7; 32]);
 /// So many schedules unless told otherwise.
-const SCHEDULES: u64 = 10_000;
+const SCHEDULES: u64 = 1_000;
 
 /// A number from the environment.
 fn number(name: &str) -> Option<u64> {
