@@ -31,7 +31,7 @@ async fn serve(db: &str, endpoint: &str) -> Server {
 
 /// The tables of a sweep as programs read them.
 async fn table(server: &Server, sweep: i64) -> String {
-    let columns = "metric=success,mean_squared_error_mm2,simulated_time_s&format=csv";
+    let columns = "metric=success,mean_squared_error_mm2,simulated_s&format=csv";
     server.text(&format!("/v1/sweeps/{sweep}/table?{columns}")).await
 }
 
