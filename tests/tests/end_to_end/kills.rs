@@ -8,7 +8,7 @@ use crate::server::Server;
 use crate::survival::number;
 
 /// So many kills unless FURROW_KILLS says otherwise: every second one is the coordinator's.
-const KILLS: u64 = 20;
+const KILLS: u64 = 4;
 const WORKERS: usize = 3;
 /// A job may lose as many workers as there are kills, and every run counts: none is done twice to verify it.
 const SERVED: [&str; 6] = ["--threads", "0", "--max-attempts", "1000", "--verify", "0"];
