@@ -5,7 +5,8 @@
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
 //! `transition` (what changes) and `tally` (what is counted); `admission` lets workers in and turns them away,
 //! `verification` has results computed again; `worker`, `scenario`, `incident` and `token` are a
-//! table each; `census` counts. Statements are constants with a sentence each; a test prepares all of them.
+//! table each; `census` counts; `rehearsal` is for tests of faults. Statements are constants with a sentence each; a test
+//! prepares all of them.
 //!
 //! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
 //! changing it, `transaction` and `log` are what the writer writes through, `backup` copies all of it.
@@ -29,6 +30,7 @@ mod open;
 mod place;
 #[cfg(test)]
 mod random_histories;
+mod rehearsal;
 pub(crate) mod removal;
 pub(crate) mod renew;
 pub(crate) mod result;
@@ -245,6 +247,7 @@ mod tests {
             job_detail::STATEMENTS,
             log::STATEMENTS,
             open::STATEMENTS,
+            rehearsal::STATEMENTS,
             removal::STATEMENTS,
             renew::STATEMENTS,
             result::STATEMENTS,

@@ -1,0 +1,119 @@
+//! What tests of faults need of the database, in this crate and in others: whether its books are right, commits that
+//! fail, and an empty database without opening another one.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use sqlx::AssertSqlSafe;
+
+use crate::error::StoreError;
+use crate::store::Store;
+use crate::store::transaction::ROLL_BACK;
+
+/// Each counts what must not be.
+const RULES: &[&str] = &[
+    "select count(*) from job where (state = 'done') <> exists (select 1 from result where job_id = job.id)",
+    "select count(*) from sweep where (total, done, failed, cancelled) is not (
+        select count(*), count(*) filter (where job.state = 'done'), count(*) filter (where job.state = 'failed'),
+            count(*) filter (where job.state = 'cancelled')
+        from cell join cell_job on cell_id = cell.id join job on job.id = job_id where sweep_id = sweep.id)",
+    "select count(*) from cell where (total, done, failed) is not (
+        select count(*), count(*) filter (where job.state = 'done'), count(*) filter (where job.state = 'failed')
+        from cell_job join job on job.id = job_id where cell_id = cell.id)",
+    "select count(*) from sweep
+        where state <> 'cancelled' and (state = 'done') <> (done + failed + cancelled = total)",
+    "select count(*) from sweep where state <> 'cancelled' and cancelled > 0",
+    // A job is held, or has the highest priority of the sweeps that are neither paused nor cancelled.
+    "select count(*) from job where state in ('queued', 'leased') and (held, iif(held, 0, priority)) is not (
+        select count(*) = 0, coalesce(max(sweep.priority), 0)
+        from cell_job join cell on cell.id = cell_id join sweep on sweep.id = sweep_id
+        where job_id = job.id and sweep.state not in ('paused', 'cancelled'))",
+    // It is cancelled exactly when no live sweep wants it.
+    "select count(*) from job where state in ('queued', 'leased', 'cancelled') and (state = 'cancelled') = exists (
+        select 1 from cell_job join cell on cell.id = cell_id join sweep on sweep.id = sweep_id
+        where job_id = job.id and sweep.state <> 'cancelled')",
+    // Nothing is half done, and nothing is left of what was removed.
+    "select (select count(*) from settling) + (select count(*) from unlisted)",
+    "select count(*) from job where not exists (select 1 from cell_job where job_id = job.id)",
+    "select count(*) from scenario where not exists (select 1 from job where scenario_id = scenario.id)",
+    "select count(*) from attempt join job on job.id = job_id where attempt.attempt > job.attempt
+        or (job.state = 'leased' and attempt.attempt = job.attempt)",
+    // Verification is about results only, gives a number no second time, and a barred worker has nothing.
+    "select count(*) from verification join job on job.id = verification.job_id
+        where job.state <> 'done' or verification.attempt > job.attempt",
+    "select count(*) from opinion join job on job.id = job_id where opinion.attempt > job.attempt",
+    "select count(*) from opinion join attempt using (job_id, attempt)
+        where (select worker_id from claim where claim.id = attempt.claim_id) <> opinion.worker_id",
+    "select count(*) from claim join worker on worker.id = claim.worker_id where barred_ms is not null and (
+        exists (select 1 from job where job.claim_id = claim.id)
+        or exists (select 1 from verification where verification.claim_id = claim.id))",
+    // An incident of a job that is verified is an opinion on it.
+    "select count(*) from verification where state in ('upheld', 'overruled', 'undecided')
+        and not exists (select 1 from opinion join result using (job_id)
+            where opinion.job_id = verification.job_id and opinion.digest <> result.digest)",
+    "select count(*) from verification where state = 'agreed'
+        and exists (select 1 from opinion join result using (job_id)
+            where opinion.job_id = verification.job_id and opinion.digest <> result.digest)",
+    "select count(*) from pragma_foreign_key_check",
+];
+
+/// Tables with something of users and workers in them.
+const FILLED: &str = "select name from sqlite_schema where type = 'table'
+    and name not in ('coordinator', 'last_number', '_sqlx_migrations')
+    and (name not like 'sqlite!_%' escape '!' or name = 'sqlite_sequence')";
+
+#[cfg(test)]
+pub(super) const STATEMENTS: &[&str] = &[FILLED];
+
+impl Store {
+    /// The rules of the database's books that are broken: every count of sweeps and cells is what the jobs say, and
+    /// jobs, leases and results fit together. None in a database that only this program wrote.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn broken_rules(&self) -> Result<Vec<&'static str>, StoreError> {
+        let mut broken = Vec::new();
+        for rule in RULES {
+            let times: i64 = sqlx::query_scalar(*rule).fetch_one(self.readers()).await?;
+            broken.extend((times > 0).then_some(*rule));
+        }
+        Ok(broken)
+    }
+
+    /// While `failing` is raised no transaction of this store is committed, as on a full disk.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn fail_commits_while(&self, failing: Arc<AtomicBool>) -> Result<(), StoreError> {
+        let mut conn = self.writer().acquire().await?;
+        conn.lock_handle().await?.set_commit_hook(move || !failing.load(Ordering::SeqCst));
+        Ok(())
+    }
+
+    /// Undoes what a killed coordinator had begun and not committed, as the next process does that opens the file.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn undo_unfinished(&self) -> Result<(), StoreError> {
+        let mut conn = self.writer().acquire().await?;
+        // An error says that nothing was begun.
+        let _ = sqlx::query(ROLL_BACK).execute(&mut *conn).await;
+        Ok(())
+    }
+
+    /// Removes everything but the coordinator's name, so that the database is as after its creation.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn empty(&self) -> Result<(), StoreError> {
+        let mut conn = self.writer().acquire().await?;
+        let tables: Vec<String> = sqlx::query_scalar(FILLED).fetch_all(&mut *conn).await?;
+        let deletes: String = tables.iter().map(|table| format!("delete from {table};\n")).collect();
+        let all = format!(
+            "pragma foreign_keys = off;\nbegin;\n{deletes}update last_number set job = 0, scenario = 0;\ncommit;\n
+            pragma foreign_keys = on;"
+        );
+        sqlx::raw_sql(AssertSqlSafe(all)).execute(&mut *conn).await?;
+        Ok(())
+    }
+}

@@ -1,0 +1,57 @@
+//! A coordinator's store on SQLite in memory, with a thread that waits for it while simulated time stands still.
+
+use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
+
+use furrow_coordinator::Store;
+
+type Work = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+/// See the module. One serves many schedules, one after the other.
+pub(super) struct Database {
+    work: mpsc::Sender<Work>,
+    pub(super) store: Store,
+    failing: Arc<AtomicBool>,
+}
+
+impl Database {
+    pub(super) fn new() -> Self {
+        let (work, queue) = mpsc::channel::<Work>();
+        std::thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            for work in queue {
+                runtime.block_on(work);
+            }
+        });
+        let failing = Arc::new(AtomicBool::new(false));
+        let hook = failing.clone();
+        let opened = async {
+            let store = Store::in_memory().await.unwrap();
+            store.fail_commits_while(hook).await.unwrap();
+            store
+        };
+        let store = wait_for(&work, opened);
+        Self { work, store, failing }
+    }
+
+    /// Does something with the store and waits for it.
+    pub(super) fn wait<T: Send + 'static>(&self, work: impl Future<Output = T> + Send + 'static) -> T {
+        wait_for(&self.work, work)
+    }
+
+    /// The same while nothing can be committed.
+    pub(super) fn wait_in_vain<T: Send + 'static>(&self, work: impl Future<Output = T> + Send + 'static) -> T {
+        self.failing.store(true, Ordering::SeqCst);
+        let outcome = self.wait(work);
+        self.failing.store(false, Ordering::SeqCst);
+        outcome
+    }
+}
+
+fn wait_for<T: Send + 'static>(to: &mpsc::Sender<Work>, work: impl Future<Output = T> + Send + 'static) -> T {
+    let (answer, answered) = mpsc::channel();
+    let work = async move { _ = answer.send(work.await) };
+    to.send(Box::pin(work)).expect("the thread goes on as long as there is anyone to ask");
+    answered.recv().expect("the database's thread panicked")
+}

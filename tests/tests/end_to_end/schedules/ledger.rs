@@ -1,0 +1,192 @@
+//! What the coordinator said so far, and what must never be said after that.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use furrow_schema::id::{Digest, JobId, RequestId, ScenarioId, WorkerId};
+use furrow_schema::protocol::{
+    Call, Claim, LEASE_MS, LeasedJob, Leases, Recorded, Renew, Renewed, Report, RunEnd, RunReport,
+};
+
+/// A lease may be so much older than the last renewal.
+const GRAIN_MS: i64 = 5_000;
+
+/// A handing-out: job and attempt.
+pub(super) type Lease = (JobId, u32);
+
+/// How a handing-out ended, as far as it was told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Told {
+    Done,
+    Panicked,
+    HandedBack,
+}
+
+#[derive(Debug)]
+struct Held {
+    worker: WorkerId,
+    /// When it was handed out or renewed last.
+    heard_ms: i64,
+    /// Whether its worker said that it runs.
+    runs: bool,
+    told: Option<Told>,
+    /// Whether a user may have cancelled it.
+    cancelled: bool,
+}
+
+/// See the module. Each method says what is broken.
+#[derive(Debug, Default)]
+pub(super) struct Ledger {
+    held: BTreeMap<Lease, Held>,
+    newest: BTreeMap<JobId, u32>,
+    granted: BTreeMap<RequestId, BTreeSet<Lease>>,
+    on_record: BTreeMap<JobId, Digest>,
+    /// Runs that ended and were spooled.
+    finished: BTreeSet<Lease>,
+    /// Runs whose end was told.
+    told: BTreeSet<Lease>,
+    pub(super) scenarios: BTreeMap<ScenarioId, String>,
+}
+
+impl Ledger {
+    pub(super) fn claimed(&mut self, call: &Call<Claim>, leases: &Leases, now_ms: i64) -> Vec<String> {
+        for text in &leases.scenarios {
+            self.scenarios.insert(text.id, text.json.clone());
+        }
+        let mut broken = Vec::new();
+        let granted: BTreeSet<Lease> = leases.jobs.iter().map(|job| (job.job, job.attempt)).collect();
+        if let Some(before) = self.granted.get(&call.request).filter(|before| !granted.is_subset(before)) {
+            broken.push(format!("a claim that came again got {granted:?} after {before:?}"));
+        }
+        for job in &leases.jobs {
+            broken.extend(self.leased(call, job, now_ms));
+        }
+        if !granted.is_empty() {
+            self.granted.entry(call.request.clone()).or_insert(granted);
+        }
+        broken
+    }
+
+    fn leased(&mut self, call: &Call<Claim>, job: &LeasedJob, now_ms: i64) -> Vec<String> {
+        let lease = (job.job, job.attempt);
+        let mut broken = Vec::new();
+        if self.on_record.contains_key(&job.job) {
+            broken.push(format!("{lease:?} is handed out although its result was acknowledged"));
+        }
+        if let Some(held) = self.held.get(&lease) {
+            if held.worker != call.worker {
+                broken.push(format!("{lease:?} is handed to a second worker"));
+            }
+            return broken;
+        }
+        let before = self.newest.insert(job.job, job.attempt).unwrap_or(0);
+        if job.attempt != before + 1 {
+            broken.push(format!("{lease:?} comes after attempt {before}"));
+        }
+        if self.held.get(&(job.job, before)).is_some_and(|held| !held.is_over(now_ms)) {
+            broken.push(format!("{lease:?} is handed out while attempt {before} is alive"));
+        }
+        let worker = call.worker.clone();
+        let held = Held { worker, heard_ms: now_ms, runs: false, told: None, cancelled: false };
+        self.held.insert(lease, held);
+        broken
+    }
+
+    pub(super) fn renewed(&mut self, call: &Call<Renew>, renewed: &Renewed, now_ms: i64) -> Vec<String> {
+        let mut broken = Vec::new();
+        let asked: BTreeSet<Lease> = call.body.held.iter().map(|held| (held.job, held.attempt)).collect();
+        for held in call.body.held.iter().filter(|held| !renewed.lost.contains(&held.job)) {
+            let newest = self.newest.get(&held.job).copied();
+            let stale = newest != Some(held.attempt);
+            // The answer names jobs: what is not lost may be the newest attempt, if this worker has it, too.
+            if stale && newest.is_some_and(|newest| asked.contains(&(held.job, newest))) {
+                continue;
+            }
+            if stale || self.on_record.contains_key(&held.job) {
+                broken.push(format!("the stale attempt {} of job {} was renewed", held.attempt, held.job));
+            } else if let Some(known) = self.held.get_mut(&(held.job, held.attempt)) {
+                (known.heard_ms, known.runs) = (now_ms, held.running);
+                if known.worker != call.worker || known.told.is_some() {
+                    broken.push(format!("attempt {} of job {} was renewed after its end", held.attempt, held.job));
+                }
+            }
+        }
+        broken
+    }
+
+    pub(super) fn reported(&mut self, call: &Call<Report>, recorded: &Recorded) -> Vec<String> {
+        let (taken, ignored) = (&recorded.recorded, &recorded.ignored);
+        let mut broken = Vec::new();
+        for run in &call.body.runs {
+            let lease = (run.job, run.attempt);
+            self.told.insert(lease);
+            match (taken.contains(&run.job), ignored.contains(&run.job)) {
+                (true, false) => broken.extend(self.recorded(run, call)),
+                (false, true) if matches!(run.ended, RunEnd::Done(_)) => {
+                    broken.push(format!("the result of {lease:?} was turned away"));
+                }
+                // The answer names jobs, and this report has two attempts of one: either may be meant.
+                (true, true) => _ = self.recorded(run, call),
+                (false, false) => broken.push(format!("{lease:?} was not answered")),
+                _ => {}
+            }
+        }
+        broken
+    }
+
+    fn recorded(&mut self, run: &RunReport, call: &Call<Report>) -> Option<String> {
+        let lease = (run.job, run.attempt);
+        let told = match &run.ended {
+            RunEnd::Done(record) => {
+                let first = self.on_record.entry(run.job).or_insert(record.digest);
+                if *first != record.digest {
+                    return Some(format!("two results of job {} were acknowledged", run.job));
+                }
+                Told::Done
+            }
+            RunEnd::Panicked { .. } => Told::Panicked,
+            RunEnd::HandedBack => Told::HandedBack,
+        };
+        let newest = self.newest.get(&run.job) == Some(&run.attempt);
+        let Some(held) = self.held.get_mut(&lease).filter(|held| held.worker == call.worker) else {
+            return Some(format!("{lease:?} was taken from one who never held it"));
+        };
+        let again = held.told == Some(told);
+        held.told.get_or_insert(told);
+        (told != Told::Done && !newest && !again).then(|| format!("the stale {lease:?} counted as {told:?}"))
+    }
+
+    /// A run ended and is in its worker's spool.
+    pub(super) fn spooled(&mut self, lease: Lease) {
+        self.finished.insert(lease);
+    }
+
+    /// A spool was lost with everything in it.
+    pub(super) fn spool_lost(&mut self, runs: &BTreeSet<Lease>) {
+        self.finished.retain(|lease| !runs.contains(lease));
+    }
+
+    /// Runs that ended and were never reported.
+    pub(super) fn unreported(&self) -> Vec<Lease> {
+        self.finished.difference(&self.told).copied().collect()
+    }
+
+    /// A user cancels something.
+    pub(super) fn cancelling(&mut self) {
+        self.held.values_mut().for_each(|held| held.cancelled = true);
+    }
+
+    pub(super) fn on_record(&self) -> &BTreeMap<JobId, Digest> {
+        &self.on_record
+    }
+
+    /// Whether a death may be charged for this handing-out at this time.
+    pub(super) fn may_have_died(&self, lease: Lease, ended_ms: i64) -> bool {
+        self.held.get(&lease).is_some_and(|held| held.runs && ended_ms - held.heard_ms >= LEASE_MS - GRAIN_MS)
+    }
+}
+
+impl Held {
+    fn is_over(&self, now_ms: i64) -> bool {
+        self.told.is_some() || self.cancelled || now_ms - self.heard_ms >= LEASE_MS - GRAIN_MS
+    }
+}

@@ -1,0 +1,277 @@
+//! The coordinator's process: a mailbox in front of the real coordinator, which dies and comes back.
+
+use std::ops::Range;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use furrow_coordinator::{Config, Coordinator, Store, StoreError};
+use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
+use futures::future::join_all;
+use tokio::sync::{Notify, oneshot};
+
+use super::ENGINE;
+use super::database::Database;
+use super::world::World;
+
+/// The coordinator's own housekeeping sleeps for so long: it is done here, in simulated time.
+const FOR_EVER: Duration = Duration::from_secs(1 << 20);
+/// How long a killed coordinator stays away [ms].
+const AWAY_MS: Range<u64> = 0..40_000;
+
+#[derive(Debug, Clone)]
+pub(super) enum Question {
+    Hello(Call<Hello>),
+    Claim(Call<Claim>),
+    Result(Call<Report>),
+    Renew(Call<Renew>),
+}
+
+#[derive(Debug)]
+pub(super) enum Answer {
+    Hello(Reply<Welcome>),
+    Claim(Reply<Leases>),
+    Result(Reply<Recorded>),
+    Renew(Reply<Renewed>),
+}
+
+/// A question that arrived, and where its answer goes.
+pub(super) struct Letter {
+    pub(super) from: usize,
+    pub(super) question: Question,
+    pub(super) answer: oneshot::Sender<Answer>,
+}
+
+#[derive(Default)]
+struct State {
+    /// None while the process is dead.
+    life: Option<Coordinator>,
+    since_ms: i64,
+    mailbox: Vec<Letter>,
+}
+
+/// See the module.
+pub(super) struct Server {
+    world: Arc<World>,
+    database: Arc<Database>,
+    state: Mutex<State>,
+    arrived: Notify,
+}
+
+/// What goes wrong with a batch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mishap {
+    None,
+    Unwritable,
+    DiesBeforeCommit,
+    DiesAfterCommit,
+}
+
+impl Server {
+    /// Starts the process with its loops.
+    pub(super) fn start(world: &Arc<World>, database: &Arc<Database>) -> Arc<Self> {
+        let (state, arrived) = (Mutex::default(), Notify::new());
+        let server = Arc::new(Self { world: world.clone(), database: database.clone(), state, arrived });
+        server.begin();
+        tokio::spawn(server.clone().answer_letters());
+        tokio::spawn(server.clone().keep_house());
+        server
+    }
+
+    fn begin(&self) {
+        let leases_hold_for = FOR_EVER;
+        let config = Config { clock: self.world.clock(), leases_hold_for, ..Config::new(ENGINE) };
+        self.world.show_time();
+        let store = self.database.store.clone();
+        let life = self.database.wait(async {
+            store.undo_unfinished().await.expect("the store is open");
+            Coordinator::start(store, config)
+        });
+        let mut state = self.state.lock().unwrap();
+        (state.life, state.since_ms) = (Some(life), self.world.now_ms());
+    }
+
+    pub(super) fn store(&self) -> Store {
+        self.database.store.clone()
+    }
+
+    pub(super) fn wait<T: Send + 'static>(&self, work: impl Future<Output = T> + Send + 'static) -> T {
+        self.database.wait(work)
+    }
+
+    /// The coordinator's name.
+    pub(super) fn id(&self) -> String {
+        self.database.store.coordinator_id().to_owned()
+    }
+
+    /// Kills the process; it comes back.
+    pub(super) fn crash(self: &Arc<Self>) {
+        if !self.die() {
+            return;
+        }
+        self.world.say("the coordinator dies");
+        let server = self.clone();
+        tokio::spawn(async move {
+            server.world.pause(AWAY_MS).await;
+            server.begin();
+            server.world.say("the coordinator is back");
+        });
+    }
+
+    /// Kills the process for good; false if it was dead.
+    pub(super) fn die(&self) -> bool {
+        let mut state = self.state.lock().unwrap();
+        state.mailbox.clear();
+        state.life.take().map(|life| life.kill()).is_some()
+    }
+
+    /// A question arrives; whoever is dead does not hear it.
+    pub(super) fn deliver(&self, letter: Letter) {
+        let mut state = self.state.lock().unwrap();
+        if state.life.is_some() {
+            state.mailbox.push(letter);
+            self.arrived.notify_one();
+        }
+    }
+
+    async fn answer_letters(self: Arc<Self>) {
+        loop {
+            self.arrived.notified().await;
+            self.world.pause(0..4).await;
+            self.answer_batch();
+        }
+    }
+
+    fn answer_batch(self: &Arc<Self>) {
+        let (life, letters) = {
+            let mut state = self.state.lock().unwrap();
+            (state.life.clone(), std::mem::take(&mut state.mailbox))
+        };
+        let Some(life) = life.filter(|_| !letters.is_empty()) else { return };
+        let mishap = self.mishap();
+        let questions: Vec<_> = letters.iter().map(|letter| letter.question.clone()).collect();
+        let ask = async move { join_all(questions.into_iter().map(|question| ask(&life, question))).await };
+        self.world.show_time();
+        let answers = match mishap {
+            Mishap::None | Mishap::DiesAfterCommit => self.database.wait(ask),
+            Mishap::Unwritable | Mishap::DiesBeforeCommit => self.database.wait_in_vain(ask),
+        };
+        if mishap != Mishap::None {
+            self.world.say(format_args!("{mishap:?} in a batch of {}", letters.len()));
+        }
+        self.note(&letters, &answers);
+        if matches!(mishap, Mishap::DiesBeforeCommit | Mishap::DiesAfterCommit) {
+            return self.crash();
+        }
+        for (letter, answer) in letters.into_iter().zip(answers) {
+            let _ = letter.answer.send(answer);
+        }
+    }
+
+    fn mishap(&self) -> Mishap {
+        let mood = self.world.mood;
+        match self.world.draw(0..1_000) {
+            _ if self.world.is_calm() => Mishap::None,
+            n if n < mood.fatal => Mishap::DiesAfterCommit,
+            n if n < 2 * mood.fatal => Mishap::DiesBeforeCommit,
+            n if n < 2 * mood.fatal + mood.unwritable => Mishap::Unwritable,
+            _ => Mishap::None,
+        }
+    }
+
+    /// Holds the answers against what was said before, in the order in which a batch is applied.
+    fn note(&self, letters: &[Letter], answers: &[Answer]) {
+        let now_ms = self.world.now_ms();
+        let mut broken = Vec::new();
+        for kind in 0..4 {
+            for (letter, answer) in letters.iter().zip(answers) {
+                let mut ledger = self.world.ledger();
+                match (kind, &letter.question, answer) {
+                    (0, Question::Hello(_), Answer::Hello(reply)) => self.say(letter.from, "says hello", reply),
+                    (1, Question::Result(call), Answer::Result(reply)) => {
+                        self.say(letter.from, &format!("reports {}", runs(&call.body)), reply);
+                        let Reply::Ok(recorded) = reply else { continue };
+                        broken.extend(ledger.reported(call, recorded));
+                    }
+                    (2, Question::Renew(call), Answer::Renew(reply)) => {
+                        self.say(letter.from, &format!("renews {}", held(&call.body)), reply);
+                        let Reply::Ok(renewed) = reply else { continue };
+                        broken.extend(ledger.renewed(call, renewed, now_ms));
+                    }
+                    (3, Question::Claim(call), Answer::Claim(reply)) => {
+                        let Reply::Ok(leases) = reply else { continue };
+                        self.say(letter.from, &format!("claims {}", jobs(leases)), &Reply::Ok(()));
+                        broken.extend(ledger.claimed(call, leases, now_ms));
+                    }
+                    _ => {}
+                }
+            }
+        }
+        broken.iter().for_each(|text| self.world.fail(text));
+    }
+
+    fn say<T: std::fmt::Debug>(&self, from: usize, what: &str, reply: &Reply<T>) {
+        let answer = match reply {
+            Reply::Ok(answer) => format!("{answer:?}"),
+            Reply::Refused(Refusal::Unavailable { .. }) => "not written".to_owned(),
+            Reply::Refused(refusal) => format!("refused: {refusal}"),
+        };
+        self.world.say(format_args!("worker {from} {what}: {answer}"));
+    }
+
+    async fn keep_house(self: Arc<Self>) {
+        loop {
+            self.world.pause(1_000..3_000).await;
+            let held_ms = Config::WORKERS_ARE_BACK_WITHIN.as_millis() as i64;
+            if self.since_ms().is_some_and(|since_ms| self.world.now_ms() - since_ms >= held_ms) {
+                let _ = self.ask_life(|life| async move { life.keep_house().await });
+            }
+        }
+    }
+
+    fn since_ms(&self) -> Option<i64> {
+        let state = self.state.lock().unwrap();
+        state.life.is_some().then_some(state.since_ms)
+    }
+
+    /// What the living coordinator answers to a user; none if it is dead.
+    pub(super) fn ask_life<T, F>(&self, question: impl FnOnce(Coordinator) -> F) -> Option<Result<T, StoreError>>
+    where
+        T: Send + 'static,
+        F: Future<Output = Result<T, StoreError>> + Send + 'static,
+    {
+        let life = self.state.lock().unwrap().life.clone()?;
+        self.world.show_time();
+        Some(self.database.wait(question(life)))
+    }
+}
+
+async fn ask(life: &Coordinator, question: Question) -> Answer {
+    match question {
+        Question::Hello(call) => Answer::Hello(life.hello(call).await),
+        Question::Claim(call) => Answer::Claim(life.claim(call).await),
+        Question::Result(call) => Answer::Result(life.result(call).await),
+        Question::Renew(call) => Answer::Renew(life.renew(call).await),
+    }
+}
+
+fn runs(report: &Report) -> String {
+    use furrow_schema::protocol::RunEnd;
+    let how = |ended: &RunEnd| match ended {
+        RunEnd::Done(_) => "done",
+        RunEnd::Panicked { .. } => "panicked",
+        RunEnd::HandedBack => "handed back",
+    };
+    let runs = report.runs.iter().map(|run| format!("{}.{} {}", run.job, run.attempt, how(&run.ended)));
+    runs.collect::<Vec<_>>().join(", ")
+}
+
+fn held(renew: &Renew) -> String {
+    let held =
+        renew.held.iter().map(|held| format!("{}.{}{}", held.job, held.attempt, if held.running { "+" } else { "" }));
+    held.collect::<Vec<_>>().join(", ")
+}
+
+fn jobs(leases: &Leases) -> String {
+    let jobs = leases.jobs.iter().map(|job| format!("{}.{}", job.job, job.attempt));
+    jobs.collect::<Vec<_>>().join(", ")
+}
