@@ -30,7 +30,7 @@ mod open;
 mod place;
 #[cfg(test)]
 mod random_histories;
-mod rehearsal;
+pub(crate) mod rehearsal;
 pub(crate) mod removal;
 pub(crate) mod renew;
 pub(crate) mod result;
@@ -247,7 +247,6 @@ mod tests {
             job_detail::STATEMENTS,
             log::STATEMENTS,
             open::STATEMENTS,
-            rehearsal::STATEMENTS,
             removal::STATEMENTS,
             renew::STATEMENTS,
             result::STATEMENTS,

@@ -1,10 +1,8 @@
-//! What tests of faults need of the database, in this crate and in others: whether its books are right, commits that
-//! fail, and an empty database without opening another one.
+//! What tests of faults need of the database, in this crate and in others: whether its books are right, a database that
+//! fails, and an empty one without opening another.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
-use sqlx::AssertSqlSafe;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::error::StoreError;
 use crate::store::Store;
@@ -57,13 +55,26 @@ const RULES: &[&str] = &[
     "select count(*) from pragma_foreign_key_check",
 ];
 
-/// Tables with something of users and workers in them.
-const FILLED: &str = "select name from sqlite_schema where type = 'table'
-    and name not in ('coordinator', 'last_number', '_sqlx_migrations')
-    and (name not like 'sqlite!_%' escape '!' or name = 'sqlite_sequence')";
+/// Removes all that came of users and workers, whoever refers to another first. Nothing that is done once for all, and no
+/// pragma: that would have every statement prepared anew.
+const EMPTY: &str = "begin;
+    delete from opinion; delete from verification; delete from trajectory; delete from result; delete from incident;
+    delete from attempt; delete from cell_metric; delete from cell_job; delete from cell; delete from settling;
+    delete from unlisted; delete from sweep; delete from job; delete from claim; delete from enrolment;
+    delete from join_secret; delete from worker; delete from scenario; delete from engine; delete from virtual_time;
+    delete from token; delete from sqlite_sequence; update last_number set job = 0, scenario = 0;
+    update heartbeat set beat_ms = 0;
+    commit";
 
-#[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[FILLED];
+/// How a database fails.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Failure {
+    /// No transaction can be committed, which is held against its statements.
+    AtCommit,
+    /// As a disk does that breaks down in the middle of a transaction: once so many rows were changed, every statement
+    /// fails that takes a step.
+    AfterRows(u32),
+}
 
 impl Store {
     /// The rules of the database's books that are broken: every count of sweeps and cells is what the jobs say, and
@@ -80,13 +91,26 @@ impl Store {
         Ok(broken)
     }
 
-    /// While `failing` is raised no transaction of this store is committed, as on a full disk.
+    /// From now on the database fails so, or works again.
     ///
     /// # Errors
     /// [`StoreError::Database`].
-    pub async fn fail_commits_while(&self, failing: Arc<AtomicBool>) -> Result<(), StoreError> {
+    pub async fn fail(&self, failure: Option<Failure>) -> Result<(), StoreError> {
         let mut conn = self.writer().acquire().await?;
-        conn.lock_handle().await?.set_commit_hook(move || !failing.load(Ordering::SeqCst));
+        let mut handle = conn.lock_handle().await?;
+        handle.remove_commit_hook();
+        handle.remove_update_hook();
+        handle.remove_progress_handler();
+        match failure {
+            Some(Failure::AtCommit) => handle.set_commit_hook(|| false),
+            Some(Failure::AfterRows(rows)) => {
+                let changed = Arc::new(AtomicU32::new(0));
+                let counted = Arc::clone(&changed);
+                handle.set_update_hook(move |_| _ = counted.fetch_add(1, Ordering::Relaxed));
+                handle.set_progress_handler(1, move || changed.load(Ordering::Relaxed) < rows);
+            }
+            None => {}
+        }
         Ok(())
     }
 
@@ -106,14 +130,38 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn empty(&self) -> Result<(), StoreError> {
-        let mut conn = self.writer().acquire().await?;
-        let tables: Vec<String> = sqlx::query_scalar(FILLED).fetch_all(&mut *conn).await?;
-        let deletes: String = tables.iter().map(|table| format!("delete from {table};\n")).collect();
-        let all = format!(
-            "pragma foreign_keys = off;\nbegin;\n{deletes}update last_number set job = 0, scenario = 0;\ncommit;\n
-            pragma foreign_keys = on;"
-        );
-        sqlx::raw_sql(AssertSqlSafe(all)).execute(&mut *conn).await?;
+        sqlx::raw_sql(EMPTY).execute(self.writer()).await?;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sqlx::AssertSqlSafe;
+
+    use crate::testing::{Bench, done, sweep};
+
+    const TABLES: &str = "select name from sqlite_schema where type = 'table'
+        and name not in ('coordinator', 'heartbeat', 'last_number', '_sqlx_migrations')
+        and (name not like 'sqlite!_%' escape '!' or name = 'sqlite_sequence')";
+
+    #[tokio::test]
+    async fn an_emptied_database_is_as_after_its_creation() {
+        let bench = Bench::new().await;
+        let store = bench.store.clone();
+        let numbers = async || {
+            let tables: Vec<String> = sqlx::query_scalar(TABLES).fetch_all(store.readers()).await.unwrap();
+            let rows: Vec<String> = tables.iter().map(|table| format!("select count(*) from {table}")).collect();
+            let all = format!("select sum(column1) + (select job + scenario from last_number) from (values ({}))", rows.join("), ("));
+            sqlx::query_scalar::<_, i64>(AssertSqlSafe(all)).fetch_one(store.readers()).await.unwrap()
+        };
+        bench.submit(sweep(&["rgop"], 3)).await;
+        let worker = bench.worker().await;
+        let job = worker.claim(1).await.remove(0);
+        worker.ended(&job, done(1.0)).await;
+        assert!(numbers().await > 10);
+        store.empty().await.unwrap();
+        assert_eq!(numbers().await, 0);
+        assert_eq!(bench.submit(sweep(&["rgop"], 3)).await.id.0, 1);
     }
 }

@@ -1,10 +1,9 @@
 //! A coordinator's store on SQLite in memory, with a thread that waits for it while simulated time stands still.
 
 use std::pin::Pin;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, mpsc};
+use std::sync::mpsc;
 
-use furrow_coordinator::Store;
+use furrow_coordinator::{Failure, Store};
 
 type Work = Pin<Box<dyn Future<Output = ()> + Send>>;
 
@@ -12,7 +11,6 @@ type Work = Pin<Box<dyn Future<Output = ()> + Send>>;
 pub(super) struct Database {
     work: mpsc::Sender<Work>,
     pub(super) store: Store,
-    failing: Arc<AtomicBool>,
 }
 
 impl Database {
@@ -24,15 +22,8 @@ impl Database {
                 runtime.block_on(work);
             }
         });
-        let failing = Arc::new(AtomicBool::new(false));
-        let hook = failing.clone();
-        let opened = async {
-            let store = Store::in_memory().await.unwrap();
-            store.fail_commits_while(hook).await.unwrap();
-            store
-        };
-        let store = wait_for(&work, opened);
-        Self { work, store, failing }
+        let store = wait_for(&work, async { Store::in_memory().await.unwrap() });
+        Self { work, store }
     }
 
     /// Does something with the store and waits for it.
@@ -40,12 +31,19 @@ impl Database {
         wait_for(&self.work, work)
     }
 
-    /// The same while nothing can be committed.
-    pub(super) fn wait_in_vain<T: Send + 'static>(&self, work: impl Future<Output = T> + Send + 'static) -> T {
-        self.failing.store(true, Ordering::SeqCst);
-        let outcome = self.wait(work);
-        self.failing.store(false, Ordering::SeqCst);
-        outcome
+    /// The same while the database fails.
+    pub(super) fn wait_during<T: Send + 'static>(
+        &self,
+        failure: Failure,
+        work: impl Future<Output = T> + Send + 'static,
+    ) -> T {
+        let store = self.store.clone();
+        self.wait(async move {
+            store.fail(Some(failure)).await.unwrap();
+            let outcome = work.await;
+            store.fail(None).await.unwrap();
+            outcome
+        })
     }
 }
 

@@ -17,8 +17,6 @@ pub(super) enum Nature {
     Kills,
 }
 
-/// Seeds are drawn up to this.
-pub(super) const SEEDS: u64 = 6;
 /// Labels are the first of these.
 pub(super) const LABELS: [&str; 3] = ["rgop", "rg", "pearl"];
 
@@ -35,7 +33,7 @@ const ALWAYS: u64 = 1_000;
 impl Jobs {
     pub(super) fn draw(world: &World) -> Self {
         let mut times = BTreeMap::new();
-        for seed in 1..=SEEDS {
+        for seed in 1..=world.size.seeds {
             match world.draw(0..20) {
                 0 => times.insert((Nature::Panics, seed), ALWAYS),
                 1 | 2 => times.insert((Nature::Panics, seed), world.draw(1..3)),
@@ -62,16 +60,29 @@ impl Jobs {
     }
 }
 
-/// The scenario of a label.
-fn scenario(label: &str) -> String {
-    format!(r#"{{"algorithm":"{label}"}}"#)
+/// What a user asks for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wish {
+    /// So many of the labels, each with seeds 1 to `seeds`.
+    pub(super) labels: usize,
+    pub(super) seeds: u64,
+    pub(super) priority: i64,
+    /// Sweeps of the same generation share jobs.
+    pub(super) generation: usize,
+    pub(super) key: usize,
 }
 
-/// A sweep over the first labels, each with seeds 1 to `seeds`.
-pub(super) fn sweep(labels: usize, seeds: u64, priority: i64, key: u64) -> NewSweep {
-    let cell = |label: &&str| NewCell {
-        factors: BTreeMap::from([("algorithm".to_owned(), (*label).to_owned())]),
-        scenarios: vec![Arc::from(scenario(label))],
+/// The scenario of a cell.
+pub(super) fn scenario(factors: &BTreeMap<String, String>) -> String {
+    serde_json::to_string(factors).expect("texts are JSON")
+}
+
+pub(super) fn sweep(wish: Wish) -> NewSweep {
+    let Wish { labels, seeds, priority, generation, key } = wish;
+    let cell = |label: &&str| {
+        let label = ("algorithm".to_owned(), (*label).to_owned());
+        let factors = BTreeMap::from([label, ("generation".to_owned(), generation.to_string())]);
+        NewCell { scenarios: vec![Arc::from(scenario(&factors))], factors }
     };
     NewSweep {
         name: "a sweep".to_owned(),
@@ -82,7 +93,7 @@ pub(super) fn sweep(labels: usize, seeds: u64, priority: i64, key: u64) -> NewSw
         record: false,
         timing: false,
         seeds,
-        factors: vec!["algorithm".to_owned()],
+        factors: vec!["algorithm".to_owned(), "generation".to_owned()],
         cells: LABELS[..labels].iter().map(cell).collect(),
         idempotency_key: Some(key.to_string()),
     }

@@ -40,6 +40,10 @@ pub(super) struct Ledger {
     newest: BTreeMap<JobId, u32>,
     granted: BTreeMap<RequestId, BTreeSet<Lease>>,
     on_record: BTreeMap<JobId, Digest>,
+    /// Jobs that a user may have removed.
+    removed: BTreeSet<JobId>,
+    /// Times in which no lease may end: after, before [ms].
+    grace: Vec<(i64, i64)>,
     /// Runs that ended and were spooled.
     finished: BTreeSet<Lease>,
     /// Runs whose end was told.
@@ -121,7 +125,7 @@ impl Ledger {
             self.told.insert(lease);
             match (taken.contains(&run.job), ignored.contains(&run.job)) {
                 (true, false) => broken.extend(self.recorded(run, call)),
-                (false, true) if matches!(run.ended, RunEnd::Done(_)) => {
+                (false, true) if matches!(run.ended, RunEnd::Done(_)) && !self.removed.contains(&run.job) => {
                     broken.push(format!("the result of {lease:?} was turned away"));
                 }
                 // The answer names jobs, and this report has two attempts of one: either may be meant.
@@ -175,13 +179,36 @@ impl Ledger {
         self.held.values_mut().for_each(|held| held.cancelled = true);
     }
 
+    /// A user removes something.
+    pub(super) fn removing(&mut self) {
+        self.cancelling();
+        self.removed.extend(self.newest.keys());
+    }
+
+    /// Nobody could renew: no lease may end so soon after.
+    pub(super) fn grant_grace(&mut self, from_ms: i64, for_ms: i64) {
+        self.grace.push((from_ms, from_ms + for_ms));
+    }
+
+    /// Results that were acknowledged.
     pub(super) fn on_record(&self) -> &BTreeMap<JobId, Digest> {
         &self.on_record
     }
 
-    /// Whether a death may be charged for this handing-out at this time.
-    pub(super) fn may_have_died(&self, lease: Lease, ended_ms: i64) -> bool {
-        self.held.get(&lease).is_some_and(|held| held.runs && ended_ms - held.heard_ms >= LEASE_MS - GRAIN_MS)
+    /// Jobs that must be known for ever, since their results were acknowledged.
+    pub(super) fn to_be_kept(&self) -> BTreeSet<JobId> {
+        self.on_record.keys().filter(|job| !self.removed.contains(job)).copied().collect()
+    }
+
+    /// Whether a lease may have run out at this time.
+    pub(super) fn may_have_run_out(&self, lease: Lease, ended_ms: i64) -> bool {
+        let in_grace = self.grace.iter().any(|(after_ms, before_ms)| (after_ms + 1..*before_ms).contains(&ended_ms));
+        !in_grace && self.held.get(&lease).is_some_and(|held| ended_ms - held.heard_ms >= LEASE_MS - GRAIN_MS)
+    }
+
+    /// Whether a death may be charged for this handing-out, if it ran out.
+    pub(super) fn may_have_died(&self, lease: Lease) -> bool {
+        self.held.get(&lease).is_some_and(|held| held.runs)
     }
 }
 

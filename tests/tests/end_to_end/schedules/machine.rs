@@ -23,6 +23,10 @@ use super::world::World;
 /// A spool's place in a test is as good as a small one.
 const SPOOL_BYTES: u64 = 1 << 20;
 
+/// Begins every record of a spool, and the content of a run's.
+const MARK: &[u8] = b"\xF7run";
+const RUN_ENDED: &[u8] = br#"{"ended":"#;
+
 /// See the module.
 pub(super) struct Machine {
     world: Arc<World>,
@@ -52,7 +56,7 @@ impl Machine {
             world: world.clone(),
             jobs: jobs.clone(),
             wire,
-            threads: world.draw(1..3) as usize,
+            threads: world.draw(1..world.size.threads + 1) as usize,
             folder,
             begun: Mutex::default(),
             ended: Mutex::default(),
@@ -81,7 +85,6 @@ impl Machine {
     async fn go_on(self: Arc<Self>) {
         loop {
             self.live().await;
-            self.begun.lock().unwrap().clear();
             if self.world.fault(50) {
                 self.lose_folder();
             }
@@ -122,11 +125,32 @@ impl Machine {
             }
         }
         let _ = life.await;
+        self.begun.lock().unwrap().clear();
+        self.close_books();
+    }
+
+    /// What is in the spool for good, now that its worker is dead. What ended right now may be, or not.
+    fn close_books(&self) {
         let now_ms = self.world.now_ms();
         let mut ended = self.ended.lock().unwrap();
+        let unsure = ended.values().any(|ended_ms| ended_ms + 1 >= now_ms);
+        if !unsure && self.world.fault(300) {
+            self.lose_power();
+        }
         ended.retain(|_, ended_ms| *ended_ms + 1 < now_ms);
         ended.keys().for_each(|lease| self.world.ledger().spooled(*lease));
         ended.clear();
+    }
+
+    /// Of the spool's file only that stays for certain which was synced: all up to the last run.
+    fn lose_power(&self) {
+        let path = self.folder.join("1").join("runs");
+        let bytes = std::fs::read(&path).expect("the worker had a spool");
+        let ended = bytes.windows(RUN_ENDED.len()).rposition(|word| word == RUN_ENDED);
+        let synced = ended.map_or(0, |at| bytes[at..].windows(MARK.len()).position(|word| word == MARK).map_or(bytes.len(), |next| at + next));
+        let left = self.world.draw(synced as u64..bytes.len() as u64 + 1);
+        self.world.say(format_args!("worker {} loses {} unsynced bytes", self.wire.worker, bytes.len() as u64 - left));
+        std::fs::File::options().write(true).open(&path).and_then(|file| file.set_len(left)).expect("it can be cut");
     }
 
     fn lose_folder(&self) {
@@ -166,6 +190,9 @@ impl Machine {
         let lease = self.begun.lock().unwrap().remove(&(scenario.to_owned(), seed));
         let now_ms = self.world.now_ms();
         lease.map(|lease| self.ended.lock().unwrap().insert(lease, now_ms));
+        if self.world.fault(20) {
+            self.kill();
+        }
     }
 }
 

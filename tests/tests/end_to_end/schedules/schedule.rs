@@ -10,7 +10,7 @@ use furrow_schema::sweep::{Sweep, SweepState};
 use tokio::time::sleep;
 
 use super::database::Database;
-use super::jobs::{Jobs, value};
+use super::jobs::{Jobs, scenario, value};
 use super::machine::Machine;
 use super::server::Server;
 use super::users::Users;
@@ -76,7 +76,7 @@ impl Schedule {
         let world = Arc::new(World::new(seed));
         let jobs = Arc::new(Jobs::draw(&world));
         let server = Server::start(&world, database);
-        let machines = 0..world.draw(1..4) as usize;
+        let machines = 0..world.draw(1..world.size.machines + 1) as usize;
         let place = |number: usize| folder.join(number.to_string());
         let machines = machines.map(|number| Machine::start(&world, &jobs, &server, number, place(number))).collect();
         let users = Users::new(&world, &server);
@@ -86,13 +86,14 @@ impl Schedule {
     /// The time of faults. A new kind of fault is one more arm.
     async fn rage(&self) {
         self.users.submit().await;
-        for _ in 0..self.world.draw(0..12) {
+        for _ in 0..self.world.draw(0..self.world.size.events) {
             self.world.pause(0..9_000).await;
             let machine = &self.machines[self.world.draw(0..self.machines.len() as u64) as usize];
-            match self.world.draw(0..8) {
+            match self.world.draw(0..9) {
                 0 => self.server.crash(),
-                1 | 2 => machine.kill(),
-                3 => machine.cut(self.world.draw(0..50_000)),
+                1 => self.server.stand_still(self.world.draw(0..50_000)),
+                2 | 3 => machine.kill(),
+                4 => machine.cut(self.world.draw(0..50_000)),
                 _ => self.users.act().await,
             }
         }
@@ -135,7 +136,17 @@ impl Schedule {
         }
         let jobs = self.all_jobs().await;
         jobs.iter().for_each(|job| self.check_job(job));
-        for sweep in self.users.sweeps().await {
+        for lost in self.world.ledger().to_be_kept().iter().filter(|id| jobs.iter().all(|job| job.id != **id)) {
+            self.world.fail(format_args!("job {lost} is lost with its acknowledged result"));
+        }
+        let sweeps = self.users.sweeps().await;
+        let (mut found, mut expected) = (sweeps.iter().map(|sweep| sweep.id).collect::<Vec<_>>(), self.users.expected());
+        found.sort_unstable();
+        expected.sort_unstable();
+        if found != expected {
+            self.world.fail(format_args!("there are sweeps {found:?}, not {expected:?}"));
+        }
+        for sweep in sweeps {
             let cancelled = self.users.is_cancelled(sweep.id);
             if sweep.state == SweepState::Cancelled && !cancelled {
                 self.world.fail(format_args!("nobody cancelled sweep {}", sweep.id));
@@ -189,9 +200,14 @@ impl Schedule {
             JobState::Cancelled if job.cells.iter().all(|cell| self.users.is_cancelled(cell.sweep)) => {}
             _ => fail("it did not end as it should".to_owned()),
         }
-        for attempt in job.attempts.iter().filter(|attempt| attempt.end == AttemptEnd::Died) {
-            let ended_ms = attempt.ended_ms.unwrap_or_default();
-            if !self.world.ledger().may_have_died((job.id, attempt.attempt), ended_ms) {
+        for attempt in &job.attempts {
+            let (lease, ended_ms) = ((job.id, attempt.attempt), attempt.ended_ms.unwrap_or_default());
+            let ledger = self.world.ledger();
+            let ran_out = matches!(attempt.end, AttemptEnd::Died | AttemptEnd::Expired);
+            if ran_out && !ledger.may_have_run_out(lease, ended_ms) {
+                fail(format!("attempt {} ran out too soon", attempt.attempt));
+            }
+            if attempt.end == AttemptEnd::Died && !ledger.may_have_died(lease) {
                 fail(format!("attempt {} is charged a death", attempt.attempt));
             }
         }
@@ -199,12 +215,13 @@ impl Schedule {
 
     /// A cell's moments are those of an undisturbed run.
     fn check_cell(&self, cell: &CellSummary, seeds: u64, jobs: &[JobDetail]) {
-        let scenario = format!(r#"{{"algorithm":"{}"}}"#, cell.factors["algorithm"]);
+        let scenario = scenario(&cell.factors);
         let mut expected = Moments::default();
         for seed in 1..=seeds {
-            let job = jobs.iter().find(|job| job.scenario_json == scenario && job.seed == seed);
-            if job.is_some_and(|job| job.state == JobState::Done) {
-                expected.add(value(&scenario, seed));
+            match jobs.iter().find(|job| job.scenario_json == scenario && job.seed == seed) {
+                None => self.world.fail(format_args!("{scenario} with seed {seed} is lost")),
+                Some(job) if job.state == JobState::Done => _ = expected.add(value(&scenario, seed)),
+                Some(_) => {}
             }
         }
         let found = cell.metrics.get("distance_m").cloned().unwrap_or_default();

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use furrow_coordinator::{Config, Coordinator, Store, StoreError};
+use furrow_coordinator::{Config, Coordinator, Failure, Store, StoreError};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
 use futures::future::join_all;
 use tokio::sync::{Notify, oneshot};
@@ -13,8 +13,12 @@ use super::ENGINE;
 use super::database::Database;
 use super::world::World;
 
-/// The coordinator's own housekeeping sleeps for so long: it is done here, in simulated time.
-const FOR_EVER: Duration = Duration::from_secs(1 << 20);
+/// No lease ends so soon after the start, a standstill or an outage. The coordinator's own housekeeping waits as long, in
+/// real time, which is for ever: it is done here, in simulated time.
+const GRACE: Duration = Config::WORKERS_ARE_BACK_WITHIN;
+const GRACE_MS: i64 = GRACE.as_millis() as i64;
+/// Housekeeping that is so late tells the coordinator that it stood still [ms].
+const LATE_MS: i64 = 5_000;
 /// How long a killed coordinator stays away [ms].
 const AWAY_MS: Range<u64> = 0..40_000;
 
@@ -46,6 +50,8 @@ struct State {
     /// None while the process is dead.
     life: Option<Coordinator>,
     since_ms: i64,
+    kept_house_ms: Option<i64>,
+    stands_still_until_ms: i64,
     mailbox: Vec<Letter>,
 }
 
@@ -62,8 +68,24 @@ pub(super) struct Server {
 enum Mishap {
     None,
     Unwritable,
+    /// The disk fails after so many rows.
+    Outage(u32),
     DiesBeforeCommit,
     DiesAfterCommit,
+}
+
+impl Mishap {
+    fn failure(self) -> Option<Failure> {
+        match self {
+            Self::None | Self::DiesAfterCommit => None,
+            Self::Unwritable | Self::DiesBeforeCommit => Some(Failure::AtCommit),
+            Self::Outage(rows) => Some(Failure::AfterRows(rows)),
+        }
+    }
+
+    fn is_fatal(self) -> bool {
+        matches!(self, Self::DiesBeforeCommit | Self::DiesAfterCommit)
+    }
 }
 
 impl Server {
@@ -78,16 +100,17 @@ impl Server {
     }
 
     fn begin(&self) {
-        let leases_hold_for = FOR_EVER;
-        let config = Config { clock: self.world.clock(), leases_hold_for, ..Config::new(ENGINE) };
+        let config = Config { clock: self.world.clock(), leases_hold_for: GRACE, ..Config::new(ENGINE) };
         self.world.show_time();
         let store = self.database.store.clone();
         let life = self.database.wait(async {
             store.undo_unfinished().await.expect("the store is open");
             Coordinator::start(store, config)
         });
+        let since_ms = self.world.now_ms();
+        self.world.ledger().grant_grace(since_ms, GRACE_MS);
         let mut state = self.state.lock().unwrap();
-        (state.life, state.since_ms) = (Some(life), self.world.now_ms());
+        *state = State { life: Some(life), since_ms, ..State::default() };
     }
 
     pub(super) fn store(&self) -> Store {
@@ -117,6 +140,18 @@ impl Server {
         });
     }
 
+    /// Its machine sleeps.
+    pub(super) fn stand_still(&self, for_ms: u64) {
+        self.world.say(format_args!("the coordinator stands still for {for_ms} ms"));
+        self.state.lock().unwrap().stands_still_until_ms = self.world.now_ms() + for_ms as i64;
+    }
+
+    /// How long it stands still [ms].
+    fn stands_still_ms(&self) -> u64 {
+        let until_ms = self.state.lock().unwrap().stands_still_until_ms;
+        u64::try_from(until_ms - self.world.now_ms()).unwrap_or(0)
+    }
+
     /// Kills the process for good; false if it was dead.
     pub(super) fn die(&self) -> bool {
         let mut state = self.state.lock().unwrap();
@@ -136,7 +171,8 @@ impl Server {
     async fn answer_letters(self: Arc<Self>) {
         loop {
             self.arrived.notified().await;
-            self.world.pause(0..4).await;
+            let still_ms = self.stands_still_ms();
+            self.world.pause(still_ms..still_ms + 4).await;
             self.answer_batch();
         }
     }
@@ -150,20 +186,22 @@ impl Server {
         let mishap = self.mishap();
         let questions: Vec<_> = letters.iter().map(|letter| letter.question.clone()).collect();
         let ask = async move { join_all(questions.into_iter().map(|question| ask(&life, question))).await };
-        self.world.show_time();
-        let answers = match mishap {
-            Mishap::None | Mishap::DiesAfterCommit => self.database.wait(ask),
-            Mishap::Unwritable | Mishap::DiesBeforeCommit => self.database.wait_in_vain(ask),
-        };
-        if mishap != Mishap::None {
-            self.world.say(format_args!("{mishap:?} in a batch of {}", letters.len()));
-        }
+        let answers = self.wait_during(mishap, ask);
         self.note(&letters, &answers);
-        if matches!(mishap, Mishap::DiesBeforeCommit | Mishap::DiesAfterCommit) {
-            return self.crash();
+        self.suffer(mishap, answers.iter().any(Answer::is_not_written));
+        if mishap.is_fatal() {
+            return;
         }
         for (letter, answer) in letters.into_iter().zip(answers) {
             let _ = letter.answer.send(answer);
+        }
+    }
+
+    fn wait_during<T: Send + 'static>(&self, mishap: Mishap, work: impl Future<Output = T> + Send + 'static) -> T {
+        self.world.show_time();
+        match mishap.failure() {
+            Some(failure) => self.database.wait_during(failure, work),
+            None => self.database.wait(work),
         }
     }
 
@@ -174,7 +212,21 @@ impl Server {
             n if n < mood.fatal => Mishap::DiesAfterCommit,
             n if n < 2 * mood.fatal => Mishap::DiesBeforeCommit,
             n if n < 2 * mood.fatal + mood.unwritable => Mishap::Unwritable,
+            n if n < 2 * (mood.fatal + mood.unwritable) => Mishap::Outage(self.world.draw(0..12) as u32),
             _ => Mishap::None,
+        }
+    }
+
+    /// What comes of a mishap, apart from the answers.
+    fn suffer(self: &Arc<Self>, mishap: Mishap, not_written: bool) {
+        if mishap != Mishap::None {
+            self.world.say(format_args!("{mishap:?}, {}", if not_written { "nothing is written" } else { "all is written" }));
+        }
+        if matches!(mishap, Mishap::Outage(_)) && not_written {
+            self.world.ledger().grant_grace(self.world.now_ms(), GRACE_MS);
+        }
+        if mishap.is_fatal() {
+            self.crash();
         }
     }
 
@@ -221,27 +273,74 @@ impl Server {
     async fn keep_house(self: Arc<Self>) {
         loop {
             self.world.pause(1_000..3_000).await;
-            let held_ms = Config::WORKERS_ARE_BACK_WITHIN.as_millis() as i64;
-            if self.since_ms().is_some_and(|since_ms| self.world.now_ms() - since_ms >= held_ms) {
-                let _ = self.ask_life(|life| async move { life.keep_house().await });
+            if self.is_to_keep_house() {
+                let _ = self.tell_life(|life| async move { life.keep_house().await });
             }
         }
     }
 
-    fn since_ms(&self) -> Option<i64> {
-        let state = self.state.lock().unwrap();
-        state.life.is_some().then_some(state.since_ms)
+    /// Whether it is time, which is noted, and what follows if it is late.
+    fn is_to_keep_house(&self) -> bool {
+        if self.stands_still_ms() > 0 {
+            return false;
+        }
+        let now_ms = self.world.now_ms();
+        let mut state = self.state.lock().unwrap();
+        if state.life.is_none() || now_ms - state.since_ms < GRACE_MS {
+            return false;
+        }
+        let last_ms = state.kept_house_ms.replace(now_ms);
+        if last_ms.is_some_and(|last_ms| now_ms - last_ms > LATE_MS) {
+            self.world.say("the coordinator finds that it stood still");
+            self.world.ledger().grant_grace(now_ms, GRACE_MS);
+        }
+        true
     }
 
-    /// What the living coordinator answers to a user; none if it is dead.
+    fn life(&self) -> Option<Coordinator> {
+        if self.stands_still_ms() > 0 {
+            return None;
+        }
+        self.world.show_time();
+        self.state.lock().unwrap().life.clone()
+    }
+
+    /// What the living coordinator answers to a user; none if it is dead, or stands still.
     pub(super) fn ask_life<T, F>(&self, question: impl FnOnce(Coordinator) -> F) -> Option<Result<T, StoreError>>
     where
         T: Send + 'static,
         F: Future<Output = Result<T, StoreError>> + Send + 'static,
     {
-        let life = self.state.lock().unwrap().life.clone()?;
-        self.world.show_time();
-        Some(self.database.wait(question(life)))
+        Some(self.database.wait(question(self.life()?)))
+    }
+
+    /// What it answers to an order that it follows; none if it cannot, or dies of it.
+    pub(super) fn tell_life<T, F>(self: &Arc<Self>, order: impl FnOnce(Coordinator) -> F) -> Option<T>
+    where
+        T: Send + 'static,
+        F: Future<Output = Result<T, StoreError>> + Send + 'static,
+    {
+        let life = self.life()?;
+        let mishap = self.mishap();
+        let done = self.wait_during(mishap, order(life));
+        self.suffer(mishap, done.is_err());
+        if let (Err(error), Mishap::None) = (&done, mishap) {
+            self.world.fail(format_args!("an order is refused: {error}"));
+        }
+        done.ok().filter(|_| !mishap.is_fatal())
+    }
+}
+
+impl Answer {
+    fn is_not_written(&self) -> bool {
+        let refusal = match self {
+            Self::Hello(Reply::Refused(refusal))
+            | Self::Claim(Reply::Refused(refusal))
+            | Self::Result(Reply::Refused(refusal))
+            | Self::Renew(Reply::Refused(refusal)) => refusal,
+            _ => return false,
+        };
+        matches!(refusal, Refusal::Unavailable { .. })
     }
 }
 

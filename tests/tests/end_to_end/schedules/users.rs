@@ -6,26 +6,32 @@ use furrow_coordinator::{Coordinator, StoreError, SweepChange};
 use furrow_schema::id::SweepId;
 use furrow_schema::sweep::{Sweep, SweepState};
 
-use super::jobs::{LABELS, SEEDS, sweep};
+use super::jobs::{LABELS, Wish, sweep};
 use super::server::Server;
 use super::world::World;
-
-/// At most so many sweeps.
-const SWEEPS: usize = 3;
 
 /// See the module.
 pub(super) struct Users {
     world: Arc<World>,
     server: Arc<Server>,
+    submitted: Mutex<usize>,
+    /// Sweeps that are there.
     sweeps: Mutex<Vec<SweepId>>,
+    removals: Mutex<usize>,
     /// Sweeps that were cancelled, and not retried since.
     cancelled: Mutex<Vec<SweepId>>,
 }
 
 impl Users {
     pub(super) fn new(world: &Arc<World>, server: &Arc<Server>) -> Arc<Self> {
-        let (sweeps, cancelled) = (Mutex::default(), Mutex::default());
-        Arc::new(Self { world: world.clone(), server: server.clone(), sweeps, cancelled })
+        Arc::new(Self {
+            world: world.clone(),
+            server: server.clone(),
+            submitted: Mutex::default(),
+            sweeps: Mutex::default(),
+            removals: Mutex::default(),
+            cancelled: Mutex::default(),
+        })
     }
 
     /// Asks until there is an answer; now and then it is lost.
@@ -44,27 +50,48 @@ impl Users {
         }
     }
 
+    /// Has something changed, until it is said to be; now and then it cannot be written, or the coordinator dies of it.
+    async fn tell<T, F>(&self, order: impl Fn(Coordinator) -> F) -> T
+    where
+        T: Send + 'static,
+        F: Future<Output = Result<T, StoreError>> + Send + 'static,
+    {
+        loop {
+            match self.server.tell_life(&order) {
+                Some(answer) if !self.world.fault(self.world.mood.lost) => return answer,
+                _ => self.world.pause(100..2_000).await,
+            }
+        }
+    }
+
     /// Submits a sweep.
     pub(super) async fn submit(&self) {
-        let key = self.sweeps.lock().unwrap().len() as u64;
-        let (labels, seeds) = (self.world.draw(1..LABELS.len() as u64 + 1) as usize, self.world.draw(1..SEEDS + 1));
-        let priority = self.world.draw(0..2) as i64;
-        let submitted = self.ask(|life| async move { life.submit(sweep(labels, seeds, priority, key)).await }).await;
-        self.world.say(format_args!("a user submits {labels} labels x {seeds} seeds: {submitted:?}"));
+        let (draw, size) = (|most| self.world.draw(1..most + 1), self.world.size);
+        let (labels, seeds) = (draw(size.labels.min(LABELS.len() as u64)) as usize, draw(size.seeds));
+        let key = {
+            let mut submitted = self.submitted.lock().unwrap();
+            *submitted += 1;
+            *submitted
+        };
+        let (priority, generation) = (self.world.draw(0..2) as i64, *self.removals.lock().unwrap());
+        let wish = Wish { labels, seeds, priority, generation, key };
+        let submitted = self.tell(|life| async move { life.submit(sweep(wish)).await }).await;
+        self.world.say(format_args!("a user submits {wish:?}: {submitted:?}"));
         self.sweeps.lock().unwrap().push(submitted.id);
     }
 
     /// Does something to one of the sweeps, or submits another one.
     pub(super) async fn act(&self) {
         let sweeps = self.sweeps.lock().unwrap().clone();
-        let Some(sweep) = sweeps.get(self.world.draw(0..SWEEPS as u64) as usize).copied() else {
+        let Some(sweep) = sweeps.get(self.world.draw(0..self.world.size.sweeps) as usize).copied() else {
             return self.submit().await;
         };
-        match self.world.draw(0..6) {
+        match self.world.draw(0..7) {
             0 => self.change(sweep, SweepChange { priority: None, paused: Some(true) }).await,
             1 | 2 => self.change(sweep, SweepChange { priority: None, paused: Some(false) }).await,
             3 => self.change(sweep, SweepChange { priority: Some(self.world.draw(0..3) as i64), paused: None }).await,
             4 => self.cancel(sweep).await,
+            5 => self.remove(sweep).await,
             _ => self.retry(sweep).await,
         }
     }
@@ -74,23 +101,33 @@ impl Users {
             return;
         }
         self.world.say(format_args!("a user changes sweep {sweep}: {change:?}"));
-        self.ask(move |life| async move { life.change(sweep, change).await }).await;
+        self.tell(move |life| async move { life.change(sweep, change).await }).await;
     }
 
     async fn cancel(&self, sweep: SweepId) {
         self.world.say(format_args!("a user cancels sweep {sweep}"));
         self.cancelled.lock().unwrap().push(sweep);
-        let world = self.world.clone();
-        self.ask(move |life| {
-            world.ledger().cancelling();
+        self.tell(|life| {
+            self.world.ledger().cancelling();
             async move { life.cancel(sweep).await }
         })
         .await;
     }
 
+    async fn remove(&self, sweep: SweepId) {
+        self.world.say(format_args!("a user removes sweep {sweep}"));
+        *self.removals.lock().unwrap() += 1;
+        self.tell(|life| {
+            self.world.ledger().removing();
+            async move { life.remove(sweep).await }
+        })
+        .await;
+        self.sweeps.lock().unwrap().retain(|there| *there != sweep);
+    }
+
     pub(super) async fn retry(&self, sweep: SweepId) {
         self.world.say(format_args!("a user retries sweep {sweep}"));
-        self.ask(move |life| async move { life.retry(sweep).await }).await;
+        self.tell(move |life| async move { life.retry(sweep).await }).await;
         self.cancelled.lock().unwrap().retain(|cancelled| *cancelled != sweep);
     }
 
@@ -106,6 +143,11 @@ impl Users {
     /// All sweeps as they stand.
     pub(super) async fn sweeps(&self) -> Vec<Sweep> {
         self.ask(|life| async move { life.sweeps(None, 100).await }).await
+    }
+
+    /// The sweeps that must be there.
+    pub(super) fn expected(&self) -> Vec<SweepId> {
+        self.sweeps.lock().unwrap().clone()
     }
 
     /// Whether this sweep was cancelled by a user, and not brought back.

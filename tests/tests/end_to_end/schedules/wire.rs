@@ -3,17 +3,21 @@
 use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Renew, Renewed, Reply, Report, Welcome};
 use furrow_worker::{Link, LinkError};
 use tokio::sync::oneshot;
+use tokio::time::timeout;
 
 use super::server::{Answer, Letter, Question, Server};
 use super::world::World;
 
 /// How long it takes until a question counts as lost [ms].
 const SILENCE_MS: Range<u64> = 100..10_000;
+/// Nobody waits longer for an answer.
+const PATIENCE: Duration = Duration::from_secs(10);
 /// A message usually takes so long, or so long [ms].
 const USUAL_MS: Range<u64> = 1..30;
 const SLOW_MS: Range<u64> = 30..3_000;
@@ -40,7 +44,10 @@ impl Wire {
         self.travel().await?;
         let (answer, answered) = oneshot::channel();
         self.server.deliver(Letter { from: self.worker, question, answer });
-        let Ok(answer) = answered.await else { return Err(self.silence().await) };
+        let answer = match timeout(PATIENCE, answered).await {
+            Ok(Ok(answer)) => answer,
+            _ => return Err(self.silence().await),
+        };
         if is_no_news(&answer) {
             self.world.pause(NO_NEWS_MS).await;
         }

@@ -32,6 +32,33 @@ pub(super) struct Mood {
     pub(super) unwritable: u64,
 }
 
+/// How much there is in a schedule, at most.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Size {
+    pub(super) machines: u64,
+    pub(super) threads: u64,
+    pub(super) sweeps: u64,
+    pub(super) labels: u64,
+    pub(super) seeds: u64,
+    /// Things that happen while there are faults.
+    pub(super) events: u64,
+}
+
+/// Most schedules are small: there are the more of them.
+const SMALL: Size = Size { machines: 2, threads: 1, sweeps: 2, labels: 2, seeds: 3, events: 6 };
+const USUAL: Size = Size { machines: 3, threads: 2, sweeps: 3, labels: 3, seeds: 6, events: 12 };
+const LARGE: Size = Size { machines: 5, threads: 4, sweeps: 4, labels: 3, seeds: 16, events: 24 };
+
+impl Size {
+    fn of(percentile: u64) -> Self {
+        match percentile {
+            0..80 => SMALL,
+            80..98 => USUAL,
+            _ => LARGE,
+        }
+    }
+}
+
 /// See the module.
 pub(super) struct World {
     random: Mutex<ChaCha8Rng>,
@@ -44,6 +71,7 @@ pub(super) struct World {
     calm: AtomicBool,
     ledger: Mutex<Ledger>,
     pub(super) mood: Mood,
+    pub(super) size: Size,
 }
 
 impl World {
@@ -52,6 +80,7 @@ impl World {
         let mut up_to = |most: u64| random.next_u64() % (most + 1);
         let mood =
             Mood { lost: up_to(120), twice: up_to(120), slow: up_to(200), fatal: up_to(25), unwritable: up_to(25) };
+        let size = Size::of(up_to(99));
         Self {
             random: Mutex::new(random),
             began: Instant::now(),
@@ -62,6 +91,7 @@ impl World {
             calm: AtomicBool::new(false),
             ledger: Mutex::default(),
             mood,
+            size,
         }
     }
 
