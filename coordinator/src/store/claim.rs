@@ -31,7 +31,7 @@ const TAKE: &str = "update job
     set state = 'leased', attempt = attempt + 1, claim_id = ?1, lease_until_ms = ?2, running = 0
     where id in (
         select id from job where state = 'queued' and held = 0 and engine_id = ?3 and not_before_ms <= ?4
-        order by priority desc, turn limit ?5)
+        order by priority desc, turn limit ?5 + 0)
     returning id, attempt, scenario_id, seed, record, alone, priority, turn";
 
 /// What a claim still holds.

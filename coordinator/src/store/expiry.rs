@@ -15,7 +15,7 @@ const MOST: i64 = 10_000;
 
 /// Jobs whose lease ran out.
 const OVERDUE: &str = "select id, attempt, claim_id, running, panics, deaths
-    from job where state = 'leased' and lease_until_ms <= ?1 limit ?2";
+    from job where state = 'leased' and lease_until_ms <= ?1 limit ?2 + 0";
 
 /// Jobs that a worker holds, by name or row.
 const HELD_BY: &str = "select job.id, job.attempt, claim_id, running, panics, deaths

@@ -12,6 +12,7 @@
 //! changing it, `transaction` and `log` are what the writer writes through, `backup` copies all of it.
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
+//! A limit is written `?1 + 0`: SQLite plans by the value of a bare `limit ?1`, and prepares the statement anew each time.
 
 pub(crate) mod admission;
 pub(crate) mod back_off;

@@ -1,8 +1,8 @@
 //! What tests of faults need of the database, in this crate and in others: whether its books are right, a database that
 //! fails, and an empty one without opening another.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use crate::error::StoreError;
 use crate::store::Store;
@@ -55,6 +55,9 @@ const RULES: &[&str] = &[
     "select count(*) from pragma_foreign_key_check",
 ];
 
+/// The counts in one statement.
+static ALL_RULES: LazyLock<String> = LazyLock::new(|| RULES.join(" union all "));
+
 /// Removes all that came of users and workers, whoever refers to another first. Nothing that is done once for all, and no
 /// pragma: that would have every statement prepared anew.
 const EMPTY: &str = "begin;
@@ -71,8 +74,7 @@ const EMPTY: &str = "begin;
 pub enum Failure {
     /// No transaction can be committed, which is held against its statements.
     AtCommit,
-    /// As a disk does that breaks down in the middle of a transaction: once so many rows were changed, every statement
-    /// fails that takes a step.
+    /// In the middle of a transaction, as a disk: once so many rows were changed, the next statement that takes a step fails.
     AfterRows(u32),
 }
 
@@ -83,12 +85,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn broken_rules(&self) -> Result<Vec<&'static str>, StoreError> {
-        let mut broken = Vec::new();
-        for rule in RULES {
-            let times: i64 = sqlx::query_scalar(*rule).fetch_one(self.readers()).await?;
-            broken.extend((times > 0).then_some(*rule));
-        }
-        Ok(broken)
+        let counts: Vec<i64> = sqlx::query_scalar(ALL_RULES.as_str()).fetch_all(self.readers()).await?;
+        Ok(RULES.iter().zip(counts).filter_map(|(rule, times)| (times > 0).then_some(*rule)).collect())
     }
 
     /// From now on the database fails so, or works again.
@@ -105,9 +103,13 @@ impl Store {
             Some(Failure::AtCommit) => handle.set_commit_hook(|| false),
             Some(Failure::AfterRows(rows)) => {
                 let changed = Arc::new(AtomicU32::new(0));
-                let counted = Arc::clone(&changed);
+                let (counted, mut failed) = (Arc::clone(&changed), false);
                 handle.set_update_hook(move |_| _ = counted.fetch_add(1, Ordering::Relaxed));
-                handle.set_progress_handler(1, move || changed.load(Ordering::Relaxed) < rows);
+                handle.set_progress_handler(1, move || {
+                    let well = failed || changed.load(Ordering::Relaxed) < rows;
+                    failed |= !well;
+                    well
+                });
             }
             None => {}
         }

@@ -1,10 +1,13 @@
 //! One schedule: a seed, a coordinator, a few machines, users, faults for a while; then peace, and the final account.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use furrow_coordinator::{AttemptEnd, CellSummary, JobDetail, JobFilter, JobRef, moments::Moments};
+use furrow_coordinator::moments::Moments;
+use furrow_coordinator::{AttemptEnd, CellSummary, Coordinator, JobDetail, JobFilter, JobItem, JobRef};
+use furrow_schema::id::{JobId, SweepId};
 use furrow_schema::job::JobState;
 use furrow_schema::sweep::{Sweep, SweepState};
 use tokio::time::sleep;
@@ -125,7 +128,7 @@ impl Schedule {
             if self.world.now_ms() > until_ms {
                 return self.world.fail(format_args!("it never ends: {unreported:?} unreported, {sweeps:?}"));
             }
-            self.world.pause(1_000..3_000).await;
+            self.world.pause(3_000..8_000).await;
         }
     }
 
@@ -134,93 +137,100 @@ impl Schedule {
         if self.world.broken().is_some() {
             return;
         }
-        let jobs = self.all_jobs().await;
-        jobs.iter().for_each(|job| self.check_job(job));
-        for lost in self.world.ledger().to_be_kept().iter().filter(|id| jobs.iter().all(|job| job.id != **id)) {
+        let jobs = self.jobs().await;
+        self.check_jobs(&jobs).await;
+        self.check_sweeps(&jobs).await;
+        let store = self.server.store();
+        let broken = self.server.wait(async move { store.broken_rules().await.unwrap() });
+        broken.iter().for_each(|rule| self.world.fail(format_args!("the books are wrong: {rule}")));
+        let on_record = self.world.ledger().on_record().len();
+        self.world.say(format_args!("ends with {} jobs, {on_record} on record", jobs.len()));
+    }
+
+    /// All jobs, by number.
+    async fn jobs(&self) -> BTreeMap<JobId, JobItem> {
+        let filter = JobFilter { limit: JobFilter::MAX_LIMIT, ..JobFilter::default() };
+        let list = |life: Coordinator| {
+            let filter = filter.clone();
+            async move { life.jobs(&filter).await }
+        };
+        let page = self.users.ask(list).await;
+        assert!(page.next.is_none(), "a schedule has few jobs");
+        page.items.into_iter().map(|job| (job.id, job)).collect()
+    }
+
+    async fn check_jobs(&self, jobs: &BTreeMap<JobId, JobItem>) {
+        let kept = self.world.ledger().to_be_kept();
+        for lost in kept.iter().filter(|id| !jobs.contains_key(id)) {
             self.world.fail(format_args!("job {lost} is lost with its acknowledged result"));
         }
+        for job in jobs.values() {
+            let acknowledged = self.world.ledger().on_record().get(&job.id).copied();
+            if acknowledged.is_some() && acknowledged != job.digest {
+                self.world.fail(format_args!("the acknowledged result of a job is lost: {job:?}"));
+            }
+            // Nothing happened to the others.
+            if job.state != JobState::Done || job.attempts > 1 {
+                let id = JobRef::Id(job.id);
+                let detail = self.users.ask(move |life| async move { life.job(id).await }).await;
+                self.check_job(&detail.expect("a listed job is there"));
+            }
+        }
+        let incidents = self.users.ask(|life| async move { life.incidents(1).await }).await;
+        if !incidents.is_empty() {
+            self.world.fail(format_args!("a job has two results: {incidents:?}"));
+        }
+    }
+
+    fn check_job(&self, job: &JobDetail) {
+        let fail = |text: &str| self.world.fail(format_args!("job {}: {text}: {job:?}", job.id));
+        let ends = |end: AttemptEnd| job.attempts.iter().filter(|attempt| attempt.end == end).count();
+        match job.state {
+            JobState::Done => {}
+            JobState::Failed if !self.jobs.is_hopeless(job.seed) => fail("it failed although it can be run"),
+            JobState::Failed if ends(AttemptEnd::Panicked).max(ends(AttemptEnd::Died)) >= CHANCES => {}
+            JobState::Cancelled if job.cells.iter().all(|cell| self.users.is_cancelled(cell.sweep)) => {}
+            _ => fail("it did not end as it should"),
+        }
+        for attempt in &job.attempts {
+            let (lease, ended_ms) = ((job.id, attempt.attempt), attempt.ended_ms.unwrap_or_default());
+            let (ran_out, died) = {
+                let ledger = self.world.ledger();
+                (ledger.may_have_run_out(lease, ended_ms), ledger.may_have_died(lease))
+            };
+            if matches!(attempt.end, AttemptEnd::Died | AttemptEnd::Expired) && !ran_out {
+                fail("a lease ran out too soon");
+            }
+            if attempt.end == AttemptEnd::Died && !died {
+                fail("it is charged a death although it did not run");
+            }
+        }
+    }
+
+    async fn check_sweeps(&self, jobs: &BTreeMap<JobId, JobItem>) {
         let sweeps = self.users.sweeps().await;
-        let (mut found, mut expected) = (sweeps.iter().map(|sweep| sweep.id).collect::<Vec<_>>(), self.users.expected());
-        found.sort_unstable();
-        expected.sort_unstable();
+        let found: BTreeSet<SweepId> = sweeps.iter().map(|sweep| sweep.id).collect();
+        let expected = self.users.expected();
         if found != expected {
             self.world.fail(format_args!("there are sweeps {found:?}, not {expected:?}"));
         }
         for sweep in sweeps {
-            let cancelled = self.users.is_cancelled(sweep.id);
-            if sweep.state == SweepState::Cancelled && !cancelled {
+            if sweep.state == SweepState::Cancelled && !self.users.is_cancelled(sweep.id) {
                 self.world.fail(format_args!("nobody cancelled sweep {}", sweep.id));
             }
             let cells = self.users.ask(move |life| async move { life.cells(sweep.id).await }).await;
-            cells.iter().for_each(|cell| self.check_cell(cell, sweep.seeds, &jobs));
-        }
-        let store = self.server.store();
-        let broken = self.server.wait(async move { store.broken_rules().await.unwrap() });
-        broken.iter().for_each(|rule| self.world.fail(format_args!("the books are wrong: {rule}")));
-        self.world.say(format_args!(
-            "ends with {} jobs, {} on record",
-            jobs.len(),
-            self.world.ledger().on_record().len()
-        ));
-    }
-
-    async fn all_jobs(&self) -> Vec<JobDetail> {
-        let filter = JobFilter { limit: 1_000, ..JobFilter::default() };
-        let page = self
-            .users
-            .ask(move |life| {
-                let filter = filter.clone();
-                async move { life.jobs(&filter).await }
-            })
-            .await;
-        let mut ids: Vec<_> = page.items.iter().map(|job| job.id).collect();
-        ids.sort_unstable();
-        ids.dedup();
-        let mut jobs = Vec::new();
-        for id in ids {
-            jobs.extend(self.users.ask(move |life| async move { life.job(JobRef::Id(id)).await }).await);
-        }
-        jobs
-    }
-
-    fn check_job(&self, job: &JobDetail) {
-        let fail = |text: String| self.world.fail(format_args!("job {}: {text}: {job:?}", job.id));
-        let acknowledged = self.world.ledger().on_record().get(&job.id).copied();
-        if acknowledged.is_some() && acknowledged != job.result.as_ref().map(|result| result.digest) {
-            fail("its acknowledged result is lost".to_owned());
-        }
-        if !job.incidents.is_empty() {
-            fail("it has two results".to_owned());
-        }
-        let ends = |end: AttemptEnd| job.attempts.iter().filter(|attempt| attempt.end == end).count();
-        match job.state {
-            JobState::Done => {}
-            JobState::Failed if !self.jobs.is_hopeless(job.seed) => fail("it failed although it can be run".to_owned()),
-            JobState::Failed if ends(AttemptEnd::Panicked).max(ends(AttemptEnd::Died)) >= CHANCES => {}
-            JobState::Cancelled if job.cells.iter().all(|cell| self.users.is_cancelled(cell.sweep)) => {}
-            _ => fail("it did not end as it should".to_owned()),
-        }
-        for attempt in &job.attempts {
-            let (lease, ended_ms) = ((job.id, attempt.attempt), attempt.ended_ms.unwrap_or_default());
-            let ledger = self.world.ledger();
-            let ran_out = matches!(attempt.end, AttemptEnd::Died | AttemptEnd::Expired);
-            if ran_out && !ledger.may_have_run_out(lease, ended_ms) {
-                fail(format!("attempt {} ran out too soon", attempt.attempt));
-            }
-            if attempt.end == AttemptEnd::Died && !ledger.may_have_died(lease) {
-                fail(format!("attempt {} is charged a death", attempt.attempt));
-            }
+            cells.iter().for_each(|cell| self.check_cell(cell, sweep.seeds, jobs));
         }
     }
 
     /// A cell's moments are those of an undisturbed run.
-    fn check_cell(&self, cell: &CellSummary, seeds: u64, jobs: &[JobDetail]) {
+    fn check_cell(&self, cell: &CellSummary, seeds: u64, jobs: &BTreeMap<JobId, JobItem>) {
         let scenario = scenario(&cell.factors);
         let mut expected = Moments::default();
         for seed in 1..=seeds {
-            match jobs.iter().find(|job| job.scenario_json == scenario && job.seed == seed) {
+            match jobs.values().find(|job| job.factors == cell.factors && job.seed == seed) {
                 None => self.world.fail(format_args!("{scenario} with seed {seed} is lost")),
-                Some(job) if job.state == JobState::Done => _ = expected.add(value(&scenario, seed)),
+                Some(job) if job.state == JobState::Done => expected.add(value(&scenario, seed)),
                 Some(_) => {}
             }
         }

@@ -17,6 +17,8 @@ use super::world::World;
 /// real time, which is for ever: it is done here, in simulated time.
 const GRACE: Duration = Config::WORKERS_ARE_BACK_WITHIN;
 const GRACE_MS: i64 = GRACE.as_millis() as i64;
+/// Often enough for it not to seem that the coordinator stood still [ms].
+const HOUSE_EVERY_MS: Range<u64> = 2_000..4_900;
 /// Housekeeping that is so late tells the coordinator that it stood still [ms].
 const LATE_MS: i64 = 5_000;
 /// How long a killed coordinator stays away [ms].
@@ -272,7 +274,7 @@ impl Server {
 
     async fn keep_house(self: Arc<Self>) {
         loop {
-            self.world.pause(1_000..3_000).await;
+            self.world.pause(HOUSE_EVERY_MS).await;
             if self.is_to_keep_house() {
                 let _ = self.tell_life(|life| async move { life.keep_house().await });
             }

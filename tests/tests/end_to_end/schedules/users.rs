@@ -1,5 +1,6 @@
 //! Users: they submit sweeps that share jobs, and change, cancel and retry them, until they were heard.
 
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 
 use furrow_coordinator::{Coordinator, StoreError, SweepChange};
@@ -146,8 +147,8 @@ impl Users {
     }
 
     /// The sweeps that must be there.
-    pub(super) fn expected(&self) -> Vec<SweepId> {
-        self.sweeps.lock().unwrap().clone()
+    pub(super) fn expected(&self) -> BTreeSet<SweepId> {
+        self.sweeps.lock().unwrap().iter().copied().collect()
     }
 
     /// Whether this sweep was cancelled by a user, and not brought back.

@@ -22,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const USUAL_MS: Range<u64> = 1..30;
 const SLOW_MS: Range<u64> = 30..3_000;
 /// Answers without news take longer [ms]: a schedule has fewer steps in which nothing happens.
-const NO_NEWS_MS: Range<u64> = 500..2_500;
+const NO_NEWS_MS: Range<u64> = 1_000..5_000;
 /// A question comes once more after so long [ms].
 const ONCE_MORE_MS: Range<u64> = 1..45_000;
 
