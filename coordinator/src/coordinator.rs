@@ -67,7 +67,9 @@ impl Coordinator {
         let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
         let house = tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
         let tasks = vec![writing.abort_handle(), house.abort_handle()];
-        Self { shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped, tasks }) }
+        Self {
+            shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped, tasks }),
+        }
     }
 
     /// A coordinator that answers what is asked of a store opened to read, beside the one that changes it. All else is
@@ -84,7 +86,9 @@ impl Coordinator {
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
         tokio::spawn(close_when_asked(store.clone(), stop.clone(), stopped.clone()));
         let tasks = Vec::new();
-        Self { shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped, tasks }) }
+        Self {
+            shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped, tasks }),
+        }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.

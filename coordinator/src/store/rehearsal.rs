@@ -154,7 +154,10 @@ mod tests {
         let numbers = async || {
             let tables: Vec<String> = sqlx::query_scalar(TABLES).fetch_all(store.readers()).await.unwrap();
             let rows: Vec<String> = tables.iter().map(|table| format!("select count(*) from {table}")).collect();
-            let all = format!("select sum(column1) + (select job + scenario from last_number) from (values ({}))", rows.join("), ("));
+            let all = format!(
+                "select sum(column1) + (select job + scenario from last_number) from (values ({}))",
+                rows.join("), (")
+            );
             sqlx::query_scalar::<_, i64>(AssertSqlSafe(all)).fetch_one(store.readers()).await.unwrap()
         };
         bench.submit(sweep(&["rgop"], 3)).await;

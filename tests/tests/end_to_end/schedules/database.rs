@@ -17,7 +17,7 @@ impl Database {
     pub(super) fn new() -> Self {
         let (work, queue) = mpsc::channel::<Work>();
         std::thread::spawn(move || {
-            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
             for work in queue {
                 runtime.block_on(work);
             }

@@ -147,7 +147,9 @@ impl Machine {
         let path = self.folder.join("1").join("runs");
         let bytes = std::fs::read(&path).expect("the worker had a spool");
         let ended = bytes.windows(RUN_ENDED.len()).rposition(|word| word == RUN_ENDED);
-        let synced = ended.map_or(0, |at| bytes[at..].windows(MARK.len()).position(|word| word == MARK).map_or(bytes.len(), |next| at + next));
+        let synced = ended.map_or(0, |at| {
+            bytes[at..].windows(MARK.len()).position(|word| word == MARK).map_or(bytes.len(), |next| at + next)
+        });
         let left = self.world.draw(synced as u64..bytes.len() as u64 + 1);
         self.world.say(format_args!("worker {} loses {} unsynced bytes", self.wire.worker, bytes.len() as u64 - left));
         std::fs::File::options().write(true).open(&path).and_then(|file| file.set_len(left)).expect("it can be cut");

@@ -222,7 +222,8 @@ impl Server {
     /// What comes of a mishap, apart from the answers.
     fn suffer(self: &Arc<Self>, mishap: Mishap, not_written: bool) {
         if mishap != Mishap::None {
-            self.world.say(format_args!("{mishap:?}, {}", if not_written { "nothing is written" } else { "all is written" }));
+            self.world
+                .say(format_args!("{mishap:?}, {}", if not_written { "nothing is written" } else { "all is written" }));
         }
         if matches!(mishap, Mishap::Outage(_)) && not_written {
             self.world.ledger().grant_grace(self.world.now_ms(), GRACE_MS);
