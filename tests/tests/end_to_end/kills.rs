@@ -1,6 +1,9 @@
 //! `kill -9` of workers and of the coordinator, one after the other, while a sweep goes on.
 
+use std::collections::BTreeSet;
+
 use serde_json::{Value, json};
+use sqlx::SqlitePool;
 
 use crate::plan::{directory, file, path, plan};
 use crate::process::{self, Running};
@@ -19,6 +22,15 @@ pub(crate) const RUN_AGAIN: &str = "select count(*) from result join attempt on 
 /// Jobs without exactly one result, and results that another one contradicted.
 pub(crate) const LOST_OR_DOUBLED: &str = "select (select count(*) from job where state <> 'done'
         or (select count(*) from result where job_id = job.id) <> 1) + (select count(*) from incident)";
+
+/// A job with a result: number, its attempts, the result's attempt, when it was recorded, its digest.
+type OnRecord = (i64, i64, i64, i64, Vec<u8>);
+
+async fn on_record(db: &str) -> BTreeSet<OnRecord> {
+    let pool = SqlitePool::connect(&format!("sqlite://{db}?mode=ro")).await.unwrap();
+    let all = "select job.id, job.attempt, result.attempt, recorded_ms, digest from result join job on job.id = job_id";
+    sqlx::query_as(all).fetch_all(&pool).await.unwrap().into_iter().collect()
+}
 
 fn kills() -> u64 {
     let Ok(text) = std::env::var("FURROW_KILLS") else { return KILLS };
@@ -58,11 +70,12 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
     let mut server = serve(&db, "tcp/127.0.0.1:0").await;
     let mut workers: Vec<Running> = (0..WORKERS).map(|_| server.worker()).collect();
     let sweep = server.submit(&json!({"plan": plan_of_it})).await;
-    let (mut done, mut in_time) = (0, 0);
+    let (mut done, mut in_time, mut kept) = (0, 0, BTreeSet::new());
     for kill in 0..kills() {
         let before = done;
         done = progress(&server, sweep, done).await;
         in_time += u64::from(done > before);
+        kept.append(&mut on_record(&db).await);
         if kill % 2 == 0 {
             let worker = &mut workers[kill as usize / 2 % WORKERS];
             worker.child.kill().await.unwrap();
@@ -78,6 +91,11 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
     assert_eq!((&ended["done"], ended["failed"].as_u64()), (&ended["total"], Some(0)), "{ended}");
     assert_eq!(table(&server, sweep).await, expected);
     assert_eq!(server.digests(sweep).await, digests);
+    let changed: Vec<_> = kept.difference(&on_record(&db).await).cloned().collect();
+    assert!(
+        kept.len() as u64 >= kills() && changed.is_empty(),
+        "on record before a kill, and not after it: {changed:?}"
+    );
     assert_eq!(number(&db, RUN_AGAIN).await, 0);
     assert_eq!(number(&db, LOST_OR_DOUBLED).await, 0);
     let again = number(&db, "select count(*) from job where attempt > 1").await;

@@ -72,16 +72,28 @@ pub(super) struct Wish {
     pub(super) key: usize,
 }
 
+impl Wish {
+    fn factors(&self, label: &str) -> BTreeMap<String, String> {
+        let label = ("algorithm".to_owned(), label.to_owned());
+        BTreeMap::from([label, ("generation".to_owned(), self.generation.to_string())])
+    }
+
+    /// Whether this job is one of it.
+    pub(super) fn covers(&self, scenario_json: &str, seed: u64) -> bool {
+        let labels = &LABELS[..self.labels];
+        seed <= self.seeds && labels.iter().any(|label| scenario(&self.factors(label)) == scenario_json)
+    }
+}
+
 /// The scenario of a cell.
 pub(super) fn scenario(factors: &BTreeMap<String, String>) -> String {
     serde_json::to_string(factors).expect("texts are JSON")
 }
 
 pub(super) fn sweep(wish: Wish) -> NewSweep {
-    let Wish { labels, seeds, priority, generation, key } = wish;
+    let Wish { labels, seeds, priority, key, .. } = wish;
     let cell = |label: &&str| {
-        let label = ("algorithm".to_owned(), (*label).to_owned());
-        let factors = BTreeMap::from([label, ("generation".to_owned(), generation.to_string())]);
+        let factors = wish.factors(label);
         NewCell { scenarios: vec![Arc::from(scenario(&factors))], factors }
     };
     NewSweep {

@@ -7,6 +7,8 @@ use furrow_schema::protocol::{
     Call, Claim, LEASE_MS, LeasedJob, Leases, Recorded, Renew, Renewed, Report, RunEnd, RunReport,
 };
 
+use super::jobs::Wish;
+
 /// A lease may be so much older than the last renewal.
 const GRAIN_MS: i64 = 5_000;
 
@@ -33,9 +35,19 @@ struct Held {
     cancelled: bool,
 }
 
+/// What a user asked for, and whether jobs may be handed out for it, as far as is known.
+#[derive(Debug)]
+struct Asked {
+    wish: Wish,
+    may_run: bool,
+    is_cancelled: bool,
+}
+
 /// See the module. Each method says what is broken.
 #[derive(Debug, Default)]
 pub(super) struct Ledger {
+    /// By the number of the wish.
+    asked: BTreeMap<usize, Asked>,
     held: BTreeMap<Lease, Held>,
     newest: BTreeMap<JobId, u32>,
     granted: BTreeMap<RequestId, BTreeSet<Lease>>,
@@ -81,6 +93,10 @@ impl Ledger {
                 broken.push(format!("{lease:?} is handed to a second worker"));
             }
             return broken;
+        }
+        let text = self.scenarios.get(&job.scenario).map_or("", String::as_str);
+        if !self.asked.values().any(|asked| asked.may_run && asked.wish.covers(text, job.seed)) {
+            broken.push(format!("{lease:?} is handed out although nobody wants it now"));
         }
         let before = self.newest.insert(job.job, job.attempt).unwrap_or(0);
         if job.attempt != before + 1 {
@@ -172,6 +188,30 @@ impl Ledger {
     /// Runs that ended and were never reported.
     pub(super) fn unreported(&self) -> Vec<Lease> {
         self.finished.difference(&self.told).copied().collect()
+    }
+
+    /// A user asks for a sweep: jobs of others may go on for it.
+    pub(super) fn asking(&mut self, wish: Wish) {
+        self.asked.entry(wish.key).or_insert(Asked { wish, may_run: true, is_cancelled: false });
+        self.resume_all();
+    }
+
+    /// A user has jobs of a sweep go on, also after it was cancelled.
+    pub(super) fn resuming(&mut self, key: usize) {
+        self.asked.get_mut(&key).into_iter().for_each(|asked| asked.is_cancelled = false);
+        self.resume_all();
+    }
+
+    /// What ended while it was paused goes on with jobs that another sweep brings back.
+    fn resume_all(&mut self) {
+        self.asked.values_mut().for_each(|asked| asked.may_run = !asked.is_cancelled);
+    }
+
+    /// Nothing is to be handed out for a sweep from now on.
+    pub(super) fn halted(&mut self, key: usize, is_cancelled: bool) {
+        self.asked.get_mut(&key).into_iter().for_each(|asked| {
+            (asked.may_run, asked.is_cancelled) = (false, asked.is_cancelled || is_cancelled);
+        });
     }
 
     /// A user cancels something.

@@ -10,6 +10,7 @@
 mod database;
 mod jobs;
 mod ledger;
+mod letter;
 mod machine;
 mod schedule;
 mod server;

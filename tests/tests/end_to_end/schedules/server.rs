@@ -5,12 +5,13 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use furrow_coordinator::{Config, Coordinator, Failure, Store, StoreError};
-use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
+use furrow_schema::protocol::{Refusal, Reply};
 use futures::future::join_all;
-use tokio::sync::{Notify, oneshot};
+use tokio::sync::Notify;
 
 use super::ENGINE;
 use super::database::Database;
+use super::letter::{Answer, Letter, Question, held, jobs, runs};
 use super::world::World;
 
 /// No lease ends so soon after the start, a standstill or an outage. The coordinator's own housekeeping waits as long, in
@@ -23,29 +24,6 @@ const HOUSE_EVERY_MS: Range<u64> = 2_000..4_900;
 const LATE_MS: i64 = 5_000;
 /// How long a killed coordinator stays away [ms].
 const AWAY_MS: Range<u64> = 0..40_000;
-
-#[derive(Debug, Clone)]
-pub(super) enum Question {
-    Hello(Call<Hello>),
-    Claim(Call<Claim>),
-    Result(Call<Report>),
-    Renew(Call<Renew>),
-}
-
-#[derive(Debug)]
-pub(super) enum Answer {
-    Hello(Reply<Welcome>),
-    Claim(Reply<Leases>),
-    Result(Reply<Recorded>),
-    Renew(Reply<Renewed>),
-}
-
-/// A question that arrived, and where its answer goes.
-pub(super) struct Letter {
-    pub(super) from: usize,
-    pub(super) question: Question,
-    pub(super) answer: oneshot::Sender<Answer>,
-}
 
 #[derive(Default)]
 struct State {
@@ -69,24 +47,35 @@ pub(super) struct Server {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mishap {
     None,
-    Unwritable,
-    /// The disk fails after so many rows.
-    Outage(u32),
-    DiesBeforeCommit,
+    NotWritten(Failure),
+    DiesOf(Failure),
     DiesAfterCommit,
 }
 
 impl Mishap {
+    fn draw(world: &World) -> Self {
+        let failure = || match world.draw(0..2) {
+            0 => Failure::AtCommit,
+            _ => Failure::AfterRows(world.draw(0..12) as u32),
+        };
+        match world.draw(0..1_000) {
+            _ if world.is_calm() => Self::None,
+            n if n < world.mood.fatal => Self::DiesAfterCommit,
+            n if n < 2 * world.mood.fatal => Self::DiesOf(failure()),
+            n if n < 2 * (world.mood.fatal + world.mood.unwritable) => Self::NotWritten(failure()),
+            _ => Self::None,
+        }
+    }
+
     fn failure(self) -> Option<Failure> {
         match self {
             Self::None | Self::DiesAfterCommit => None,
-            Self::Unwritable | Self::DiesBeforeCommit => Some(Failure::AtCommit),
-            Self::Outage(rows) => Some(Failure::AfterRows(rows)),
+            Self::NotWritten(failure) | Self::DiesOf(failure) => Some(failure),
         }
     }
 
     fn is_fatal(self) -> bool {
-        matches!(self, Self::DiesBeforeCommit | Self::DiesAfterCommit)
+        matches!(self, Self::DiesOf(_) | Self::DiesAfterCommit)
     }
 }
 
@@ -185,9 +174,9 @@ impl Server {
             (state.life.clone(), std::mem::take(&mut state.mailbox))
         };
         let Some(life) = life.filter(|_| !letters.is_empty()) else { return };
-        let mishap = self.mishap();
+        let mishap = Mishap::draw(&self.world);
         let questions: Vec<_> = letters.iter().map(|letter| letter.question.clone()).collect();
-        let ask = async move { join_all(questions.into_iter().map(|question| ask(&life, question))).await };
+        let ask = async move { join_all(questions.into_iter().map(|question| question.put(&life))).await };
         let answers = self.wait_during(mishap, ask);
         self.note(&letters, &answers);
         self.suffer(mishap, answers.iter().any(Answer::is_not_written));
@@ -207,25 +196,13 @@ impl Server {
         }
     }
 
-    fn mishap(&self) -> Mishap {
-        let mood = self.world.mood;
-        match self.world.draw(0..1_000) {
-            _ if self.world.is_calm() => Mishap::None,
-            n if n < mood.fatal => Mishap::DiesAfterCommit,
-            n if n < 2 * mood.fatal => Mishap::DiesBeforeCommit,
-            n if n < 2 * mood.fatal + mood.unwritable => Mishap::Unwritable,
-            n if n < 2 * (mood.fatal + mood.unwritable) => Mishap::Outage(self.world.draw(0..12) as u32),
-            _ => Mishap::None,
-        }
-    }
-
     /// What comes of a mishap, apart from the answers.
     fn suffer(self: &Arc<Self>, mishap: Mishap, not_written: bool) {
         if mishap != Mishap::None {
-            self.world
-                .say(format_args!("{mishap:?}, {}", if not_written { "nothing is written" } else { "all is written" }));
+            let outcome = if not_written { "nothing is written" } else { "all is written" };
+            self.world.say(format_args!("{mishap:?}: {outcome}"));
         }
-        if matches!(mishap, Mishap::Outage(_)) && not_written {
+        if matches!(mishap, Mishap::NotWritten(Failure::AfterRows(_))) && not_written {
             self.world.ledger().grant_grace(self.world.now_ms(), GRACE_MS);
         }
         if mishap.is_fatal() {
@@ -324,7 +301,7 @@ impl Server {
         F: Future<Output = Result<T, StoreError>> + Send + 'static,
     {
         let life = self.life()?;
-        let mishap = self.mishap();
+        let mishap = Mishap::draw(&self.world);
         let done = self.wait_during(mishap, order(life));
         self.suffer(mishap, done.is_err());
         if let (Err(error), Mishap::None) = (&done, mishap) {
@@ -332,48 +309,4 @@ impl Server {
         }
         done.ok().filter(|_| !mishap.is_fatal())
     }
-}
-
-impl Answer {
-    fn is_not_written(&self) -> bool {
-        let refusal = match self {
-            Self::Hello(Reply::Refused(refusal))
-            | Self::Claim(Reply::Refused(refusal))
-            | Self::Result(Reply::Refused(refusal))
-            | Self::Renew(Reply::Refused(refusal)) => refusal,
-            _ => return false,
-        };
-        matches!(refusal, Refusal::Unavailable { .. })
-    }
-}
-
-async fn ask(life: &Coordinator, question: Question) -> Answer {
-    match question {
-        Question::Hello(call) => Answer::Hello(life.hello(call).await),
-        Question::Claim(call) => Answer::Claim(life.claim(call).await),
-        Question::Result(call) => Answer::Result(life.result(call).await),
-        Question::Renew(call) => Answer::Renew(life.renew(call).await),
-    }
-}
-
-fn runs(report: &Report) -> String {
-    use furrow_schema::protocol::RunEnd;
-    let how = |ended: &RunEnd| match ended {
-        RunEnd::Done(_) => "done",
-        RunEnd::Panicked { .. } => "panicked",
-        RunEnd::HandedBack => "handed back",
-    };
-    let runs = report.runs.iter().map(|run| format!("{}.{} {}", run.job, run.attempt, how(&run.ended)));
-    runs.collect::<Vec<_>>().join(", ")
-}
-
-fn held(renew: &Renew) -> String {
-    let held =
-        renew.held.iter().map(|held| format!("{}.{}{}", held.job, held.attempt, if held.running { "+" } else { "" }));
-    held.collect::<Vec<_>>().join(", ")
-}
-
-fn jobs(leases: &Leases) -> String {
-    let jobs = leases.jobs.iter().map(|job| format!("{}.{}", job.job, job.attempt));
-    jobs.collect::<Vec<_>>().join(", ")
 }

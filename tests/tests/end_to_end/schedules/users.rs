@@ -16,8 +16,8 @@ pub(super) struct Users {
     world: Arc<World>,
     server: Arc<Server>,
     submitted: Mutex<usize>,
-    /// Sweeps that are there.
-    sweeps: Mutex<Vec<SweepId>>,
+    /// Sweeps that are there, each with the number of its wish.
+    sweeps: Mutex<Vec<(SweepId, usize)>>,
     removals: Mutex<usize>,
     /// Sweeps that were cancelled, and not retried since.
     cancelled: Mutex<Vec<SweepId>>,
@@ -76,15 +76,16 @@ impl Users {
         };
         let (priority, generation) = (self.world.draw(0..2) as i64, *self.removals.lock().unwrap());
         let wish = Wish { labels, seeds, priority, generation, key };
+        self.world.ledger().asking(wish);
         let submitted = self.tell(|life| async move { life.submit(sweep(wish)).await }).await;
         self.world.say(format_args!("a user submits {wish:?}: {submitted:?}"));
-        self.sweeps.lock().unwrap().push(submitted.id);
+        self.sweeps.lock().unwrap().push((submitted.id, key));
     }
 
     /// Does something to one of the sweeps, or submits another one.
     pub(super) async fn act(&self) {
         let sweeps = self.sweeps.lock().unwrap().clone();
-        let Some(sweep) = sweeps.get(self.world.draw(0..self.world.size.sweeps) as usize).copied() else {
+        let Some((sweep, _)) = sweeps.get(self.world.draw(0..self.world.size.sweeps) as usize).copied() else {
             return self.submit().await;
         };
         match self.world.draw(0..7) {
@@ -102,17 +103,35 @@ impl Users {
             return;
         }
         self.world.say(format_args!("a user changes sweep {sweep}: {change:?}"));
-        self.tell(move |life| async move { life.change(sweep, change).await }).await;
+        if change.paused == Some(false) {
+            self.world.ledger().resuming(self.key(sweep));
+        }
+        let changed = self.tell(move |life| async move { life.change(sweep, change).await }).await;
+        self.note(changed);
+    }
+
+    /// Notes that a sweep is halted, if it is.
+    fn note(&self, answered: Option<Sweep>) {
+        let halted = answered.filter(|sweep| matches!(sweep.state, SweepState::Paused | SweepState::Cancelled));
+        if let Some(Sweep { id, state, .. }) = halted {
+            self.world.ledger().halted(self.key(id), state == SweepState::Cancelled);
+        }
+    }
+
+    /// The number of the wish that a sweep came from.
+    fn key(&self, sweep: SweepId) -> usize {
+        let sweeps = self.sweeps.lock().unwrap();
+        sweeps.iter().find(|(there, _)| *there == sweep).expect("users know their sweeps").1
     }
 
     async fn cancel(&self, sweep: SweepId) {
         self.world.say(format_args!("a user cancels sweep {sweep}"));
         self.cancelled.lock().unwrap().push(sweep);
-        self.tell(|life| {
+        let cancelled = self.tell(|life| {
             self.world.ledger().cancelling();
             async move { life.cancel(sweep).await }
-        })
-        .await;
+        });
+        self.note(cancelled.await);
     }
 
     async fn remove(&self, sweep: SweepId) {
@@ -123,11 +142,13 @@ impl Users {
             async move { life.remove(sweep).await }
         })
         .await;
-        self.sweeps.lock().unwrap().retain(|there| *there != sweep);
+        self.world.ledger().halted(self.key(sweep), true);
+        self.sweeps.lock().unwrap().retain(|(there, _)| *there != sweep);
     }
 
     pub(super) async fn retry(&self, sweep: SweepId) {
         self.world.say(format_args!("a user retries sweep {sweep}"));
+        self.world.ledger().resuming(self.key(sweep));
         self.tell(move |life| async move { life.retry(sweep).await }).await;
         self.cancelled.lock().unwrap().retain(|cancelled| *cancelled != sweep);
     }
@@ -148,7 +169,7 @@ impl Users {
 
     /// The sweeps that must be there.
     pub(super) fn expected(&self) -> BTreeSet<SweepId> {
-        self.sweeps.lock().unwrap().iter().copied().collect()
+        self.sweeps.lock().unwrap().iter().map(|(sweep, _)| *sweep).collect()
     }
 
     /// Whether this sweep was cancelled by a user, and not brought back.

@@ -11,7 +11,8 @@ use furrow_worker::{Link, LinkError};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
-use super::server::{Answer, Letter, Question, Server};
+use super::letter::{Answer, Letter, Question};
+use super::server::Server;
 use super::world::World;
 
 /// How long it takes until a question counts as lost [ms].
