@@ -153,7 +153,7 @@ mod tests {
         let store = bench.store.clone();
         let numbers = async || {
             let tables: Vec<String> = sqlx::query_scalar(TABLES).fetch_all(store.readers()).await.unwrap();
-            let rows: Vec<String> = tables.iter().map(|table| format!("select count(*) from {table}")).collect();
+            let rows: Vec<String> = tables.iter().map(|table| format!("(select count(*) from {table})")).collect();
             let all = format!(
                 "select sum(column1) + (select job + scenario from last_number) from (values ({}))",
                 rows.join("), (")

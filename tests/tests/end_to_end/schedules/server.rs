@@ -29,8 +29,8 @@ const AWAY_MS: Range<u64> = 0..40_000;
 struct State {
     /// None while the process is dead.
     life: Option<Coordinator>,
-    since_ms: i64,
-    kept_house_ms: Option<i64>,
+    /// When housekeeping was last done, or is to be done first.
+    kept_house_ms: i64,
     stands_still_until_ms: i64,
     mailbox: Vec<Letter>,
 }
@@ -101,7 +101,7 @@ impl Server {
         let since_ms = self.world.now_ms();
         self.world.ledger().grant_grace(since_ms, GRACE_MS);
         let mut state = self.state.lock().unwrap();
-        *state = State { life: Some(life), since_ms, ..State::default() };
+        *state = State { life: Some(life), kept_house_ms: since_ms + GRACE_MS, ..State::default() };
     }
 
     pub(super) fn store(&self) -> Store {
@@ -266,11 +266,11 @@ impl Server {
         }
         let now_ms = self.world.now_ms();
         let mut state = self.state.lock().unwrap();
-        if state.life.is_none() || now_ms - state.since_ms < GRACE_MS {
+        if state.life.is_none() || now_ms < state.kept_house_ms {
             return false;
         }
-        let last_ms = state.kept_house_ms.replace(now_ms);
-        if last_ms.is_some_and(|last_ms| now_ms - last_ms > LATE_MS) {
+        let last_ms = std::mem::replace(&mut state.kept_house_ms, now_ms);
+        if now_ms - last_ms > LATE_MS {
             self.world.say("the coordinator finds that it stood still");
             self.world.ledger().grant_grace(now_ms, GRACE_MS);
         }
