@@ -58,8 +58,8 @@ const RULES: &[&str] = &[
 /// The counts in one statement.
 static ALL_RULES: LazyLock<String> = LazyLock::new(|| RULES.join(" union all "));
 
-/// Removes all that came of users and workers, whoever refers to another first. Nothing that is done once for all, and no
-/// pragma: that would have every statement prepared anew.
+/// Removes all that came of users and workers, whoever refers to another first: without a check of foreign keys by pragma,
+/// which would have every statement prepared anew.
 const EMPTY: &str = "begin;
     delete from opinion; delete from verification; delete from trajectory; delete from result; delete from incident;
     delete from attempt; delete from cell_metric; delete from cell_job; delete from cell; delete from settling;

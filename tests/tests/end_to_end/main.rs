@@ -23,7 +23,6 @@ mod pauses;
 mod plan;
 mod process;
 mod same_bits;
-mod schedules;
 mod server;
 mod stopping;
 mod strangers;
