@@ -120,7 +120,7 @@ impl Worker {
     }
 
     pub(crate) fn claim_call(&self, want: u32) -> Call<Claim> {
-        self.call(Claim { engine: ENGINE, want, known_scenarios: Vec::new() })
+        self.call(Claim { engine: ENGINE, want, known_scenarios: Vec::new(), first: false })
     }
 
     pub(crate) async fn leases(&self, want: u32) -> Leases {

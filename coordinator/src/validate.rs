@@ -153,9 +153,9 @@ mod tests {
     #[test]
     fn counts_have_limits() {
         let engine = EngineId([0; 32]);
-        assert!(claim(&Claim { engine, want: 0, known_scenarios: vec![] }).is_err());
-        assert!(claim(&Claim { engine, want: MAX_CLAIM + 1, known_scenarios: vec![] }).is_err());
-        assert!(claim(&Claim { engine, want: MAX_CLAIM, known_scenarios: vec![] }).is_ok());
+        assert!(claim(&Claim { engine, want: 0, known_scenarios: vec![], first: false }).is_err());
+        assert!(claim(&Claim { engine, want: MAX_CLAIM + 1, known_scenarios: vec![], first: false }).is_err());
+        assert!(claim(&Claim { engine, want: MAX_CLAIM, known_scenarios: vec![], first: false }).is_ok());
         assert!(hello(&Hello { name: String::new(), engine, threads: 0 }).is_err());
     }
 }

@@ -26,6 +26,7 @@ use crate::error::StoreError;
 use crate::figures::Figures;
 use crate::rate::Rates;
 use crate::store::claim::Terms;
+use crate::store::expiry::Ending;
 use crate::store::result::Aftermath;
 use crate::store::tally::Tally;
 use crate::store::{Store, admission, census, claim, expiry, renew, result, submit, verification, worker};
@@ -193,7 +194,7 @@ impl Writer {
                 Err(refusal) => Reply::Refused(refusal),
             });
         }
-        let ended = self.expire(conn, batch, engine_id, now_ms, &mut answers).await?;
+        let ended = self.expire(conn, batch, &known, engine_id, now_ms, &mut answers).await?;
         answers.tally.write(conn, now_ms).await?;
         if !batch.beats.is_empty() {
             census::beat(conn, now_ms).await?;
@@ -255,32 +256,37 @@ impl Writer {
         seen.into_iter().map(|(row, _)| row).collect()
     }
 
-    /// Ends leases that ran out, and those of workers that fell silent. Returns how many.
+    /// Ends leases that ran out, and those of workers that are gone. Returns how many.
     async fn expire(
         &self,
         conn: &mut SqliteConnection,
         batch: &Batch,
+        known: &worker::Known,
         engine_id: i64,
         now_ms: i64,
         answers: &mut Answers,
     ) -> Result<usize, StoreError> {
-        let max_deaths = self.config.max_attempts;
         let mut ended = 0;
         if !batch.housekeeping.is_empty() {
             self.outage.keeps_house(self.config.leases_hold_for, now_ms);
         }
         let hold = self.outage.leases_hold(now_ms);
+        let max_deaths = self.config.max_attempts;
+        let mut ending = Ending { engine_id, now_ms, max_deaths, tally: &mut answers.tally };
         if !batch.housekeeping.is_empty() && !hold {
-            let tally = &mut answers.tally;
-            ended += admission::free_ended(conn, engine_id, now_ms, tally).await?;
-            ended += expiry::expire(conn, max_deaths, engine_id, now_ms, tally).await?;
+            ended += admission::free_ended(conn, engine_id, now_ms, ending.tally).await?;
+            ended += expiry::expire(conn, &mut ending).await?;
+        }
+        for (call, _) in batch.claims.iter().filter(|(call, _)| call.body.first) {
+            if let Ok(worker) = known.check(call) {
+                ended += expiry::began_anew(conn, (&call.worker, worker), &call.request, &mut ending).await?;
+            }
         }
         for (absence, _) in &batch.absences {
             // While leases hold, whoever is away has time to come back.
             let heard_ms = if hold { Some(now_ms) } else { self.heard.since(absence) };
             if heard_ms.is_none() {
-                let tally = &mut answers.tally;
-                ended += expiry::fell_silent(conn, absence, max_deaths, engine_id, now_ms, tally).await?;
+                ended += expiry::fell_silent(conn, &absence.worker, &mut ending).await?;
             }
             answers.absences.push(Ok(heard_ms));
         }

@@ -85,6 +85,8 @@ impl From<zenoh::Error> for ZenohError {
 
 /// A link whose other end is silent for this long is given up \[ms\].
 const LINK_LEASE_MS: u32 = 2_000;
+/// At most so many workers, joining ones among them, are connected at a time.
+const MAX_SESSIONS: u32 = 4_096;
 /// The address by which the loopback interface is named.
 const LOOPBACK: &str = "127.0.0.1";
 
@@ -129,6 +131,8 @@ pub(crate) fn session(
         ("scouting/multicast/listen", json!(true)),
         ("scouting/gossip/enabled", json!(false)),
         ("transport/link/tx/lease", json!(LINK_LEASE_MS)),
+        ("transport/unicast/max_sessions", json!(MAX_SESSIONS)),
+        ("transport/unicast/accept_pending", json!(MAX_SESSIONS)),
         // Room for the largest question and what Zenoh wraps it in.
         ("transport/link/rx/max_message_size", json!(MAX_PAYLOAD_BYTES + (1 << 20))),
         ("adminspace/enabled", json!(false)),

@@ -274,6 +274,9 @@ pub struct Claim {
     pub want: u32,
     /// Scenarios the worker holds already; their texts are not sent again.
     pub known_scenarios: Vec<ScenarioId>,
+    /// The worker's process has claimed nothing yet: it has none of the jobs that the coordinator believes it to hold.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub first: bool,
 }
 
 /// The jobs that are the worker's now.
@@ -410,7 +413,7 @@ mod tests {
             request: RequestId::random(),
             worker: WorkerId::random(),
             credential: Credential::random(),
-            body: Claim { engine: EngineId([3; 32]), want: 8, known_scenarios: vec![ScenarioId(1)] },
+            body: Claim { engine: EngineId([3; 32]), want: 8, known_scenarios: vec![ScenarioId(1)], first: false },
         };
         let json = serde_json::to_string(&call).unwrap();
         assert_eq!(serde_json::from_str::<Call<Claim>>(&json).unwrap(), call);

@@ -188,6 +188,21 @@ impl<S> Board<S> {
         }
     }
 
+    /// Whether it is worth waiting for more runs to end before the spool keeps those that have.
+    pub(crate) fn gathers_for_spool(&self) -> bool {
+        self.spool.as_ref().is_some_and(|spool| self.gathers(spool.unkept.len()))
+    }
+
+    /// Whether it is worth waiting for more runs to end before those that have are reported. What passes through the spool
+    /// was gathered there.
+    pub(crate) fn gathers_for_report(&self) -> bool {
+        self.spool.is_none() && self.gathers(self.outbox.len())
+    }
+
+    fn gathers(&self, ended: usize) -> bool {
+        !self.closed && self.running > 0 && ended > 0 && ended < MAX_CLAIM as usize
+    }
+
     /// What the spool is to keep now, and what to forget; nothing if it has nothing to do at the moment.
     pub(crate) fn take_for_spool(&mut self) -> Option<(Vec<RunReport>, Vec<Lease>)> {
         let spool = self.spool.as_mut()?;

@@ -52,6 +52,7 @@ async fn claim_until_stopped<R: Runner>(
 ) -> Result<(), AskError> {
     let mut scenarios = Scenarios::new();
     let mut changes = conversation.changes();
+    let mut first = true;
     while !stop.is_cancelled() {
         let want = shared.board().want();
         if want == 0 {
@@ -62,12 +63,13 @@ async fn claim_until_stopped<R: Runner>(
         if let Some(changes) = &mut changes {
             changes.mark_unchanged();
         }
-        let claim = Claim { engine, want, known_scenarios: scenarios.known() };
+        let claim = Claim { engine, want, known_scenarios: scenarios.known(), first };
         let leases = match conversation.ask(claim, too_late).await {
             Ok(leases) => leases,
             Err(AskError::GivenUp) => return Ok(()),
             Err(error) => return Err(error),
         };
+        first = false;
         if leases.jobs.is_empty() {
             let retry = Duration::from_millis(leases.retry_after_ms).clamp(SHORTEST_RETRY, LONGEST_RETRY);
             pause(new_work(retry, changes.as_mut()), stop).await;

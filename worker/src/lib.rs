@@ -12,6 +12,7 @@ mod backoff;
 mod board;
 mod claims;
 mod conversation;
+mod gathering;
 pub mod lan;
 pub mod link;
 pub mod pace;

@@ -4,7 +4,9 @@ use furrow_schema::id::EngineId;
 use furrow_schema::protocol::{Recorded, Refusal, Report, RunEnd, RunReport};
 use tokio_util::sync::CancellationToken;
 
+use crate::board::Board;
 use crate::conversation::{AskError, Conversation};
+use crate::gathering::Gathering;
 use crate::pool::Shared;
 use crate::spooling::OpenSpool;
 use crate::worker::Summary;
@@ -18,7 +20,9 @@ pub(crate) async fn report_runs<S>(
     too_late: &CancellationToken,
 ) -> Result<Summary, AskError> {
     let mut summary = Summary::default();
+    let mut gathering = Gathering::default();
     loop {
+        gathering.more(shared, &shared.ended, Board::gathers_for_report).await;
         let (runs, drained) = {
             let mut board = shared.board();
             (board.take_ended(), board.is_drained())

@@ -7,7 +7,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use furrow_schema::protocol::{MAX_CLAIM, RunReport};
 
-use crate::board::{Lease, MAX_REPORT_BYTES};
+use crate::board::{Board, Lease, MAX_REPORT_BYTES};
+use crate::gathering::Gathering;
 use crate::pool::Shared;
 use crate::spool::{Spool, SpoolError};
 
@@ -72,7 +73,9 @@ impl OpenSpool {
 /// Spools until no run can end any more and all reports are through.
 pub(crate) async fn spool_runs<S>(spool: &OpenSpool, shared: &Shared<S>) {
     let mut trouble = false;
+    let mut gathering = Gathering::default();
     loop {
+        gathering.more(shared, &shared.spool, Board::gathers_for_spool).await;
         let (round, over) = {
             let mut board = shared.board();
             (board.take_for_spool(), board.is_spooled())

@@ -2,11 +2,13 @@
 //!
 //! The command starts a [`coordinator`] process on a fresh database and [`worker`] processes; jobs are as usual
 //! (scenario, seed, eight metrics, a digest, all bookkeeping), only that a run does [`idle`] work. Figures are the
-//! coordinator's own: its clock, its processor time, its memory ([`process`]).
+//! coordinator's own: its clock, its processor time, its memory ([`process`]). In place of workers, many [`sessions`] may
+//! hold a job each.
 
 pub mod coordinator;
 pub mod idle;
 pub mod process;
+pub mod sessions;
 pub mod worker;
 
 use serde::{Deserialize, Serialize};

@@ -2,9 +2,10 @@
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
-use furrow_schema::id::{Credential, EngineId, RequestId, WorkerId};
-use furrow_schema::protocol::{Call, Claim, Hello, LeasedJob, Report, RunEnd, RunReport};
+use furrow_schema::id::{Credential, EngineId, RequestId, ScenarioId, WorkerId};
+use furrow_schema::protocol::{Call, Claim, Hello, LeasedJob, Leases, Reply, Report, RunEnd, RunReport, Welcome};
 use furrow_worker::{Config, ConnectConfig, Link, LinkError, Spool, Worker, ZenohLink};
 use futures::future::join_all;
 use tokio_util::sync::CancellationToken;
@@ -12,8 +13,15 @@ use tokio_util::sync::CancellationToken;
 use super::idle::{Idle, record};
 use crate::cli::error::CliError;
 
-async fn connect(endpoint: &str) -> Result<ZenohLink, CliError> {
-    let config = ConnectConfig { endpoint: Some(endpoint.to_owned()), ..ConnectConfig::default() };
+/// A busy coordinator is waited for so long.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// A question is asked so often at most, with such a pause.
+const MOST_TRIES: u32 = 50;
+const PAUSE: Duration = Duration::from_millis(200);
+
+pub(super) async fn connect(endpoint: &str) -> Result<ZenohLink, CliError> {
+    let config =
+        ConnectConfig { endpoint: Some(endpoint.to_owned()), patience: Some(PATIENCE), ..ConnectConfig::default() };
     Ok(ZenohLink::connect(config).await?)
 }
 
@@ -55,38 +63,74 @@ pub async fn work_one_by_one(
 }
 
 async fn one_by_one(link: &ZenohLink, engine: EngineId, stop: &CancellationToken) -> Result<(), Trouble> {
-    let me = Myself { worker: WorkerId::random(), credential: Credential::random() };
-    let hello = Hello { name: "one by one".to_owned(), engine, threads: 1 };
-    link.hello(me.call(hello)).await?.into_result()?;
+    let me = Myself::new();
+    me.introduce(link, engine).await?;
     let mut known = Vec::new();
     while !stop.is_cancelled() {
-        let claim = Claim { engine, want: 1, known_scenarios: known.clone() };
-        let leases = link.claim(me.call(claim)).await?.into_result()?;
+        let leases = me.claim_one(link, engine, known.clone()).await?;
         known.extend(leases.scenarios.iter().map(|scenario| scenario.id));
         let Some(job) = leases.jobs.first() else { return Ok(()) };
-        link.result(me.call(Report { engine, runs: vec![done(job)] })).await?.into_result()?;
+        me.report(link, engine, job).await?;
     }
     Ok(())
 }
 
-fn done(job: &LeasedJob) -> RunReport {
-    RunReport { job: job.job, attempt: job.attempt, ended: RunEnd::Done(record("{}", job.seed)) }
-}
-
-struct Myself {
+/// A worker that speaks for itself, one message at a time.
+pub(super) struct Myself {
     worker: WorkerId,
     credential: Credential,
 }
 
 impl Myself {
-    fn call<T>(&self, body: T) -> Call<T> {
+    pub(super) fn new() -> Self {
+        Self { worker: WorkerId::random(), credential: Credential::random() }
+    }
+
+    pub(super) fn call<T>(&self, body: T) -> Call<T> {
         Call { request: RequestId::random(), worker: self.worker.clone(), credential: self.credential.clone(), body }
+    }
+
+    pub(super) async fn introduce(&self, link: &ZenohLink, engine: EngineId) -> Result<Welcome, Trouble> {
+        let call = self.call(Hello { name: "one by one".to_owned(), engine, threads: 1 });
+        patiently(|| link.hello(call.clone())).await
+    }
+
+    pub(super) async fn claim_one(
+        &self,
+        link: &ZenohLink,
+        engine: EngineId,
+        known_scenarios: Vec<ScenarioId>,
+    ) -> Result<Leases, Trouble> {
+        let call = self.call(Claim { engine, want: 1, known_scenarios, first: false });
+        patiently(|| link.claim(call.clone())).await
+    }
+
+    pub(super) async fn report(&self, link: &ZenohLink, engine: EngineId, job: &LeasedJob) -> Result<(), Trouble> {
+        let ended = RunEnd::Done(record("{}", job.seed));
+        let runs = vec![RunReport { job: job.job, attempt: job.attempt, ended }];
+        let call = self.call(Report { engine, runs });
+        patiently(|| link.result(call.clone())).await?;
+        Ok(())
+    }
+}
+
+/// Asks again where there is no answer, as workers do.
+async fn patiently<T, F: Future<Output = Result<Reply<T>, LinkError>>>(ask: impl Fn() -> F) -> Result<T, Trouble> {
+    let mut tries = 1;
+    loop {
+        match ask().await {
+            Err(LinkError::NoAnswer(_)) if tries < MOST_TRIES => {
+                tries += 1;
+                tokio::time::sleep(PAUSE).await;
+            }
+            answer => return Ok(answer?.into_result()?),
+        }
     }
 }
 
 /// Why a conversation ended before the jobs did. The benchmark fails.
 #[derive(Debug, thiserror::Error)]
-enum Trouble {
+pub(super) enum Trouble {
     #[error(transparent)]
     Link(#[from] LinkError),
     #[error(transparent)]

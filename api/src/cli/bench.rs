@@ -1,5 +1,6 @@
 //! `furrow bench`: how fast the queue is on this machine.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
@@ -14,6 +15,7 @@ use super::error::CliError;
 use super::{output, stop, threads};
 use crate::bench::coordinator::Host;
 use crate::bench::idle::Idle;
+use crate::bench::sessions::{self, Seen};
 use crate::bench::{Figures, Load, Ready, worker};
 
 /// Measure how fast the queue is on this machine
@@ -26,10 +28,13 @@ pub(super) struct BenchArgs {
 #[derive(Debug, clap::Subcommand)]
 enum What {
     Queue(QueueArgs),
+    Sessions(SessionsArgs),
     #[command(hide = true)]
     QueueCoordinator(CoordinatorArgs),
     #[command(hide = true)]
     QueueWorker(WorkerArgs),
+    #[command(hide = true)]
+    SessionsWorker(SessionsWorkerArgs),
 }
 
 /// Idle jobs, claimed, run and durably recorded, between a coordinator and workers in processes of their own
@@ -53,6 +58,26 @@ struct QueueArgs {
     /// Each worker holds this many conversations, and claims and reports job by job; 0: in batches, as workers do
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=1_000))]
     one_by_one: u64,
+    /// Where the database is made and removed again; the system's folder for temporary files if not given
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+    /// One JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Many worker sessions at once, each of which renews the lease of a job every second
+#[derive(Debug, clap::Args)]
+struct SessionsArgs {
+    /// Sessions in all
+    #[arg(long, value_name = "N", default_value_t = 1_000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    sessions: u64,
+    /// Processes that share them
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u64).range(1..=256))]
+    processes: u64,
+    /// How long they hold their jobs [s]
+    #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    seconds: u64,
     /// Where the database is made and removed again; the system's folder for temporary files if not given
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
@@ -85,6 +110,27 @@ struct WorkerArgs {
     one_by_one: usize,
 }
 
+#[derive(Debug, clap::Args)]
+struct SessionsWorkerArgs {
+    #[arg(long)]
+    connect: String,
+    #[arg(long)]
+    sessions: usize,
+    #[arg(long)]
+    seconds: u64,
+}
+
+/// What is printed of sessions.
+#[derive(Debug, Serialize)]
+struct SessionsAnswer {
+    #[serde(flatten)]
+    seen: Seen,
+    seconds: u64,
+    /// The coordinator's processor time over all its time [%]; 100 is one core.
+    coordinator_cpu_percent: f64,
+    coordinator_peak_rss_mb: f64,
+}
+
 /// What is printed.
 #[derive(Debug, Serialize)]
 struct Answer {
@@ -104,18 +150,61 @@ pub(super) async fn run(args: BenchArgs) -> Result<(), CliError> {
         What::Queue(args) => queue(&args).await,
         What::QueueCoordinator(args) => coordinate(&args).await,
         What::QueueWorker(args) => work(args).await,
+        What::Sessions(args) => sessions(&args).await,
+        What::SessionsWorker(args) => {
+            let time = Duration::from_secs(args.seconds);
+            say(&sessions::hold(&args.connect, crate::engine(), args.sessions, time).await?)
+        }
     }
 }
 
+fn new_folder(dir: Option<&Path>) -> Result<tempfile::TempDir, CliError> {
+    dir.map_or_else(tempfile::tempdir, tempfile::tempdir_in).map_err(CliError::bad_input("--dir"))
+}
+
+fn start_coordinator(folder: &Path, load: Load) -> Result<Child, CliError> {
+    let (jobs, cells) = (load.jobs.to_string(), load.cells.to_string());
+    child(&["queue-coordinator", "--jobs", &jobs, "--cells", &cells, "--db"], folder.join("queue.db").as_os_str())
+}
+
+async fn sessions(args: &SessionsArgs) -> Result<(), CliError> {
+    let folder = new_folder(args.dir.as_deref())?;
+    let mut coordinator = start_coordinator(folder.path(), Load { jobs: args.sessions, cells: 1 })?;
+    let mut lines = lines_of(&mut coordinator)?;
+    let ready: Ready = next(&mut lines).await?;
+    let mut children = Vec::new();
+    for process in 0..args.processes {
+        let share =
+            (args.sessions * (process + 1) / args.processes - args.sessions * process / args.processes).to_string();
+        let words = ["sessions-worker", "--connect", &ready.endpoint, "--sessions", &share, "--seconds"];
+        children.push(child(&words, args.seconds.to_string().as_ref())?);
+    }
+    let mut seen = Seen::default();
+    for worker in &mut children {
+        seen = seen.and(next(&mut lines_of(worker)?).await?);
+    }
+    let Figures { jobs, wall_s, coordinator_cpu_us_per_job: cpu_us, coordinator_peak_rss_mb, .. } =
+        next(&mut lines).await?;
+    let coordinator_cpu_percent = 100.0 * cpu_us * 1e-6 * jobs as f64 / wall_s;
+    let answer = SessionsAnswer { seen, seconds: args.seconds, coordinator_cpu_percent, coordinator_peak_rss_mb };
+    if args.json { output::json(&answer) } else { show_sessions(&answer) }
+}
+
+fn show_sessions(answer: &SessionsAnswer) -> Result<(), CliError> {
+    let Seen { sessions, renewals, missed, lost, slowest_ms } = answer.seen;
+    let SessionsAnswer { seconds, coordinator_cpu_percent, coordinator_peak_rss_mb, .. } = answer;
+    output::line(&format!(
+        "{sessions} sessions for {seconds} s: {renewals} renewals, {missed} missed, {lost} leases lost, the slowest took \
+         {slowest_ms} ms"
+    ))?;
+    output::line(&format!(
+        "coordinator: {coordinator_cpu_percent:.0} % of a core, {coordinator_peak_rss_mb:.0} MB at most"
+    ))
+}
+
 async fn queue(args: &QueueArgs) -> Result<(), CliError> {
-    let new_folder = |args: &QueueArgs| match &args.dir {
-        Some(dir) => tempfile::tempdir_in(dir),
-        None => tempfile::tempdir(),
-    };
-    let folder = new_folder(args).map_err(CliError::bad_input("--dir"))?;
-    let db = folder.path().join("queue.db");
-    let (jobs, cells) = (args.jobs.to_string(), args.cells.to_string());
-    let mut coordinator = child(&["queue-coordinator", "--jobs", &jobs, "--cells", &cells, "--db"], &db)?;
+    let folder = new_folder(args.dir.as_deref())?;
+    let mut coordinator = start_coordinator(folder.path(), Load { jobs: args.jobs, cells: args.cells })?;
     let mut lines = lines_of(&mut coordinator)?;
     let ready: Ready = next(&mut lines).await?;
     let workers = (0..args.workers).map(|number| start_worker(args, &ready, &folder.path().join(number.to_string())));
@@ -135,7 +224,7 @@ fn start_worker(args: &QueueArgs, ready: &Ready, spool: &Path) -> Result<Child, 
         (args.threads.to_string(), args.job_ms.to_string(), args.one_by_one.to_string());
     let words = ["queue-worker", "--connect", &ready.endpoint, "--threads", &threads, "--job-ms", &job_ms];
     let more = ["--one-by-one", &one_by_one, "--spool"];
-    child(&[&words[..], &more[..]].concat(), spool)
+    child(&[&words[..], &more[..]].concat(), spool.as_os_str())
 }
 
 fn show(args: &QueueArgs, figures: Figures) -> Result<(), CliError> {
@@ -158,10 +247,10 @@ fn show(args: &QueueArgs, figures: Figures) -> Result<(), CliError> {
     overhead_percent.map_or(Ok(()), |percent| output::line(&format!("overhead on runs of {job_ms} ms: {percent:.2} %")))
 }
 
-fn child(words: &[&str], path: &Path) -> Result<Child, CliError> {
+fn child(words: &[&str], last: &OsStr) -> Result<Child, CliError> {
     let program = std::env::current_exe().map_err(CliError::failed("this program cannot be found"))?;
     let mut command = Command::new(program);
-    command.arg("bench").args(words).arg(path).stdin(Stdio::null()).stdout(Stdio::piped()).kill_on_drop(true);
+    command.arg("bench").args(words).arg(last).stdin(Stdio::null()).stdout(Stdio::piped()).kill_on_drop(true);
     command.spawn().map_err(CliError::failed("cannot start a process"))
 }
 

@@ -187,6 +187,7 @@ mod tests {
             "furrow job 12 --svg out.svg --json",
             "furrow bench queue --jobs 1000 --cells 24 --workers 2 --threads 1 --job-ms 50 --dir /var/tmp --json",
             "furrow bench queue --one-by-one 8",
+            "furrow bench sessions --sessions 1000 --processes 4 --seconds 600",
             "furrow submit guyonneau2022/bounds --db x.db",
             "furrow backup --db x.db --to y.db --json",
             "furrow serve --db x.db --http 0.0.0.0:8080 --http-name furrow.example --http-rate 50",

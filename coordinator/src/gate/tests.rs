@@ -60,7 +60,8 @@ impl Machine {
 
     /// Whether it may claim.
     async fn may_work(&self, bench: &Bench) -> Result<(), Refusal> {
-        let claim = furrow_schema::protocol::Claim { engine: ENGINE, want: 8, known_scenarios: Vec::new() };
+        let claim =
+            furrow_schema::protocol::Claim { engine: ENGINE, want: 8, known_scenarios: Vec::new(), first: false };
         bench.coordinator.claim(self.call(claim)).await.into_result().map(drop)
     }
 }

@@ -59,6 +59,19 @@ pub(crate) struct Terms {
     pub(crate) verify: Option<Verify>,
 }
 
+/// Whether a claim of `worker` was granted before.
+pub(crate) async fn is_repeated(
+    conn: &mut SqliteConnection,
+    worker: i64,
+    request: &RequestId,
+) -> Result<bool, StoreError> {
+    Ok(earlier(conn, worker, request).await?.is_some())
+}
+
+async fn earlier(conn: &mut SqliteConnection, worker: i64, request: &RequestId) -> Result<Option<i64>, StoreError> {
+    Ok(sqlx::query_scalar(FIND).bind(worker).bind(request.as_str()).fetch_optional(conn).await?)
+}
+
 /// Grants a claim of `worker`, or repeats what was granted for the same request.
 pub(crate) async fn claim(
     conn: &mut SqliteConnection,
@@ -67,9 +80,7 @@ pub(crate) async fn claim(
     claim: &Claim,
     terms: Terms,
 ) -> Result<Leases, StoreError> {
-    let earlier: Option<i64> =
-        sqlx::query_scalar(FIND).bind(worker).bind(request.as_str()).fetch_optional(&mut *conn).await?;
-    let rows = match earlier {
+    let rows = match earlier(conn, worker, request).await? {
         Some(id) => {
             let mut rows = verification::held(conn, id).await?;
             rows.extend(sqlx::query_as::<_, Row>(HELD).bind(id).fetch_all(&mut *conn).await?);
@@ -246,7 +257,7 @@ mod tests {
         let worker = Worker::new(&after_the_upgrade);
         let hello = Hello { name: "new".to_owned(), engine: newer, threads: 1 };
         after_the_upgrade.hello(worker.call(hello)).await.into_result().unwrap();
-        let claim = Claim { engine: newer, want: 8, known_scenarios: vec![] };
+        let claim = Claim { engine: newer, want: 8, known_scenarios: vec![], first: false };
         let leases = after_the_upgrade.claim(worker.call(claim)).await.into_result().unwrap();
         assert!(leases.jobs.is_empty());
     }

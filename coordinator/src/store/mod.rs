@@ -11,8 +11,9 @@
 //! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
 //! changing it, `transaction` and `log` are what the writer writes through, `backup` copies all of it.
 //!
-//! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row.
-//! A limit is written `?1 + 0`: SQLite plans by the value of a bare `limit ?1`, and prepares the statement anew each time.
+//! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row. Where rows
+//! are wide and many, their values are bound one by one (`rows`). A limit is written `?1 + 0`: SQLite plans by the value
+//! of a bare `limit ?1`, and prepares the statement anew each time.
 
 pub(crate) mod admission;
 pub(crate) mod back_off;
@@ -35,6 +36,7 @@ pub(crate) mod rehearsal;
 pub(crate) mod removal;
 pub(crate) mod renew;
 pub(crate) mod result;
+mod rows;
 pub(crate) mod runs;
 pub(crate) mod scenario;
 pub(crate) mod settle;
@@ -265,7 +267,8 @@ mod tests {
             verification::REPORT_STATEMENTS,
             worker::STATEMENTS,
         ];
-        for statement in all.into_iter().flatten() {
+        let by_rows = [submit::BY_ROWS, transition::BY_ROWS].into_iter().flatten().flatten();
+        for statement in all.into_iter().flatten().chain(by_rows) {
             conn.prepare(statement.into_sql_str()).await.unwrap_or_else(|e| panic!("{e}: {statement}"));
         }
     }

@@ -23,7 +23,7 @@ const APPLICATION_ID: i64 = 1_182_102_135;
 /// How long a statement waits for another process that holds the file.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
 /// Pages kept in memory by the writer [KiB].
-const WRITER_CACHE_KIB: u32 = 16 << 10;
+const WRITER_CACHE_KIB: u32 = 8 << 10;
 /// The log is moved into the file when it has grown by so many pages.
 const CHECKPOINT_PAGES: u32 = 4_000;
 const READERS: u32 = 4;

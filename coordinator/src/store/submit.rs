@@ -18,6 +18,7 @@ use sqlx::SqliteConnection;
 use crate::error::StoreError;
 use crate::store::job::state_of;
 use crate::store::removal::UNLIST;
+use crate::store::rows::{self, ByRows, by_rows};
 use crate::store::settle::{Turns, settle};
 use crate::store::tally::{Metrics, Tally};
 use crate::store::{from_json, scenario, to_json, unsigned};
@@ -55,26 +56,28 @@ const EXISTING: &str = "select wanted.key, job.id, job.state
 /// The next number for a job: no number is given twice.
 const NEXT_JOB: &str = "select max(job, coalesce((select max(id) from job), 0)) + 1 from last_number";
 
-/// New jobs, numbered from ?7 on: key, scenario, seed, turn.
-const ADD_JOBS: &str = "insert into job
-        (id, key, engine_id, scenario_id, seed, state, priority, turn, record, alone, created_ms)
-    select ?7 + key, unhex(value ->> 0), ?2, value ->> 1, value ->> 2, 'queued', ?3, value ->> 3, ?4, ?5, ?6
-    from json_each(?1) where true
-    on conflict (key) do nothing";
+/// New jobs.
+const ADD_JOBS: ByRows = by_rows!(
+    "insert into job (id, key, engine_id, scenario_id, seed, state, priority, turn, record, alone, created_ms) values ",
+    "(?, ?, ?, ?, ?, 'queued', ?, ?, ?, ?, ?)",
+    ""
+);
 
 /// Jobs whose trajectory is wanted, too.
 const RECORD: &str = "update job set record = 1 where id in (select value from json_each(?1)) and record = 0";
 
-/// Which cell wants which job: cell, key.
-const JOIN_CELLS: &str = "insert into cell_job (cell_id, job_id)
-    select value ->> 0, job.id from json_each(?1) join job on job.key = unhex(value ->> 1)";
+/// Which cell wants which job.
+const JOIN_CELLS: ByRows = by_rows!("insert into cell_job (cell_id, job_id) values ", "(?, ?)", "");
 
 /// Metrics of results on record.
 const CACHED: &str = "select job_id, metrics from result where job_id in (select value from json_each(?1))";
 
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] =
-    &[FIND_BY_KEY, ADD_SWEEP, ADD_CELLS, CELLS, LIST, EXISTING, NEXT_JOB, ADD_JOBS, RECORD, JOIN_CELLS, CACHED];
+    &[FIND_BY_KEY, ADD_SWEEP, ADD_CELLS, CELLS, LIST, EXISTING, NEXT_JOB, RECORD, CACHED];
+
+#[cfg(test)]
+pub(super) const BY_ROWS: &[ByRows] = &[ADD_JOBS, JOIN_CELLS];
 
 /// Refuses a sweep that breaks a rule, before it meets the queue.
 pub(crate) fn check(sweep: &NewSweep, coordinator: EngineId) -> Result<(), StoreError> {
@@ -274,9 +277,10 @@ impl Expansion {
         let scenarios = scenario::intern(conn, &self.texts).await?;
         let mut tally = Tally::default();
         let existing = self.existing(conn).await?;
-        let new = self.add_jobs(conn, sweep, &existing, &scenarios).await?;
-        let memberships: Vec<_> = self.chunk.iter().map(|planned| (planned.cell, planned.key)).collect();
-        sqlx::query(JOIN_CELLS).bind(to_json(&memberships)).execute(&mut *conn).await?;
+        let (new, memberships) = self.number(conn, &existing).await?;
+        self.add_jobs(conn, sweep, &new, &scenarios).await?;
+        rows::write(conn, &JOIN_CELLS, &memberships, |join, (cell, job)| join.bind(cell.0).bind(job.0)).await?;
+        let new = new.len() as u64;
         self.count(conn, &existing, &mut tally, new).await?;
         self.share(conn, sweep, &existing, &mut tally).await?;
         tally.write(conn, self.now_ms).await?;
@@ -294,22 +298,42 @@ impl Expansion {
         rows.into_iter().map(entry).collect()
     }
 
+    /// Gives the new jobs of the chunk their numbers, and says which cell wants which job.
+    async fn number(
+        &self,
+        conn: &mut SqliteConnection,
+        existing: &Existing,
+    ) -> Result<(Vec<(JobId, &Planned)>, Vec<(CellId, JobId)>), StoreError> {
+        let next: i64 = sqlx::query_scalar(NEXT_JOB).fetch_one(conn).await?;
+        let (mut new, mut numbers) = (Vec::new(), HashMap::new());
+        let mut memberships = Vec::with_capacity(self.chunk.len());
+        for (at, planned) in self.chunk.iter().enumerate() {
+            let known = existing.get(&at).map(|(job, _)| *job).or_else(|| numbers.get(&planned.key).copied());
+            let job = known.unwrap_or_else(|| {
+                let job = JobId(next + numbers.len() as i64);
+                numbers.insert(planned.key, job);
+                new.push((job, planned));
+                job
+            });
+            memberships.push((planned.cell, job));
+        }
+        Ok((new, memberships))
+    }
+
     async fn add_jobs(
         &self,
         conn: &mut SqliteConnection,
         sweep: &NewSweep,
-        existing: &Existing,
+        new: &[(JobId, &Planned)],
         scenarios: &HashMap<ScenarioHash, ScenarioId>,
-    ) -> Result<u64, StoreError> {
-        let new = self.chunk.iter().enumerate().filter(|(at, _)| !existing.contains_key(at));
-        let rows: Vec<_> = new.map(|(_, job)| (job.key, scenarios.get(&job.scenario), job.seed, job.turn)).collect();
-        if rows.is_empty() {
-            return Ok(0);
-        }
-        let next: i64 = sqlx::query_scalar(NEXT_JOB).fetch_one(&mut *conn).await?;
+    ) -> Result<(), StoreError> {
         let NewSweep { priority, record, timing, .. } = sweep;
-        let add = sqlx::query(ADD_JOBS).bind(to_json(&rows)).bind(self.engine_id).bind(priority);
-        Ok(add.bind(record).bind(timing).bind(self.now_ms).bind(next).execute(conn).await?.rows_affected())
+        rows::write(conn, &ADD_JOBS, new, |add, (id, Planned { scenario, seed, key, turn, .. })| {
+            let scenario = scenarios.get(scenario).map(|id| id.0);
+            let add = add.bind(id.0).bind(key.0.as_slice()).bind(self.engine_id).bind(scenario).bind(*seed as i64);
+            add.bind(priority).bind(turn).bind(record).bind(timing).bind(self.now_ms)
+        })
+        .await
     }
 
     async fn count(

@@ -1,22 +1,23 @@
 //! What a transaction changes about jobs: decided in memory first, then written a kind at a time.
 
-use furrow_schema::id::{Digest, JobId};
-use furrow_schema::job::{JobState, RunRecord, Timings};
+use furrow_schema::id::JobId;
+use furrow_schema::job::{JobState, RunRecord};
 use serde::Serialize;
 use sqlx::SqliteConnection;
 
 use crate::error::StoreError;
 use crate::store::incident::{self, Other};
-use crate::store::tally::{Metrics, Moved, Tally};
+use crate::store::rows::{self, ByRows, by_rows};
+use crate::store::tally::{Moved, Tally};
 use crate::store::{to_json, worker};
 use crate::view::AttemptEnd;
 
-/// Records results: job, claim, attempt, digest, outcome, metrics, timings. The first of a job stays.
-const ADD_RESULTS: &str = "insert into result
-        (job_id, claim_id, attempt, digest, outcome, recorded_ms, metrics, timings)
-    select value ->> 0, value ->> 1, value ->> 2, unhex(value ->> 3), value ->> 4, ?2, value -> 5, value -> 6
-    from json_each(?1) where true
-    on conflict (job_id) do nothing";
+/// Records results. The first of a job stays.
+const ADD_RESULTS: ByRows = by_rows!(
+    "insert into result (job_id, claim_id, attempt, digest, outcome, recorded_ms, metrics, timings) values ",
+    "(?, ?, ?, ?, ?, ?, ?, ?)",
+    " on conflict (job_id) do nothing"
+);
 
 /// Keeps trajectories of recorded results: job, poses.
 const ADD_TRAJECTORIES: &str = "insert into trajectory (job_id, poses)
@@ -54,7 +55,10 @@ const REVIVE: &str = "update job set state = 'queued', ended_ms = null, not_befo
     where id in (select value from json_each(?1))";
 
 #[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[ADD_RESULTS, ADD_TRAJECTORIES, FINISH, ARCHIVE, REQUEUE, FAIL, CANCEL, REVIVE];
+pub(super) const STATEMENTS: &[&str] = &[ADD_TRAJECTORIES, FINISH, ARCHIVE, REQUEUE, FAIL, CANCEL, REVIVE];
+
+#[cfg(test)]
+pub(super) const BY_ROWS: &[ByRows] = &[ADD_RESULTS];
 
 /// Changes to jobs that are not written yet.
 #[derive(Debug, Default)]
@@ -70,8 +74,9 @@ pub(crate) struct Changes<'a> {
     incidents: Vec<Other<'a>>,
 }
 
-#[derive(Debug, Serialize)]
-struct ResultRow<'a>(JobId, i64, u32, Digest, &'a str, &'a Metrics, &'a Timings);
+/// A result that is new: job, claim, attempt, record.
+#[derive(Debug)]
+struct ResultRow<'a>(JobId, i64, u32, &'a RunRecord);
 
 /// How often a job went wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -85,10 +90,9 @@ pub(crate) struct Charges {
 impl<'a> Changes<'a> {
     /// The job's result is `record`, from the handing-out `attempt` of `claim`.
     pub(crate) fn record(&mut self, job: JobId, from: JobState, claim: i64, attempt: u32, record: &'a RunRecord) {
-        let RunRecord { digest, outcome, metrics, timings, trajectory } = record;
-        self.results.push(ResultRow(job, claim, attempt, *digest, outcome, metrics, timings));
-        self.trajectories.extend(trajectory.as_deref().map(|poses| (job, poses)));
-        self.moved.push(Moved { job, from, to: JobState::Done, metrics: Some(metrics) });
+        self.results.push(ResultRow(job, claim, attempt, record));
+        self.trajectories.extend(record.trajectory.as_deref().map(|poses| (job, poses)));
+        self.moved.push(Moved { job, from, to: JobState::Done, metrics: Some(&record.metrics) });
     }
 
     /// A handing-out ended without a result.
@@ -138,14 +142,21 @@ impl<'a> Changes<'a> {
         execute(conn, FAIL, &self.failed, now_ms).await?;
         execute(conn, CANCEL, &self.cancelled, now_ms).await?;
         execute_without_time(conn, REVIVE, &self.revived).await?;
-        execute(conn, ADD_RESULTS, &self.results, now_ms).await?;
+        self.write_results(conn, now_ms).await?;
         let done: Vec<_> = self.results.iter().map(|row| row.0).collect();
         execute(conn, FINISH, &done, now_ms).await?;
-        let claims: Vec<_> = self.results.iter().map(|row| row.1).collect();
-        worker::count_results(conn, &claims).await?;
+        worker::count_results(conn, self.results.iter().map(|row| row.1)).await?;
         execute_without_time(conn, ADD_TRAJECTORIES, &self.trajectories).await?;
         tally.moved(conn, &self.moved).await?;
         incident::add(conn, &self.incidents, engine_id, now_ms).await
+    }
+
+    async fn write_results(&self, conn: &mut SqliteConnection, now_ms: i64) -> Result<(), StoreError> {
+        rows::write(conn, &ADD_RESULTS, &self.results, |add, ResultRow(job, claim, attempt, record)| {
+            let add = add.bind(job.0).bind(claim).bind(attempt).bind(record.digest.0.as_slice()).bind(&record.outcome);
+            add.bind(now_ms).bind(to_json(&record.metrics)).bind(to_json(&record.timings))
+        })
+        .await
     }
 }
 

@@ -12,7 +12,6 @@ use furrow_schema::id::{Digest, EngineId, JobId, JobKey, WorkerId};
 use furrow_schema::protocol::{HeldJob, LEASE_MS};
 use sqlx::SqliteConnection;
 
-use crate::batch::Absence;
 use crate::config::Verify;
 use crate::error::StoreError;
 use crate::store::claim::Row;
@@ -100,8 +99,8 @@ macro_rules! fruitless {
 /// Leases that ran out.
 const EXPIRE: &str = fruitless!("lease_until_ms <= ?1");
 
-/// Leases of a worker that fell silent.
-const FELL_SILENT: &str = fruitless!(
+/// Leases of a worker that is gone.
+const GONE: &str = fruitless!(
     "claim_id in (
         select claim.id from claim join worker on worker.id = claim.worker_id where worker.uid = ?1)"
 );
@@ -135,7 +134,7 @@ pub(super) const STATEMENTS: &[&str] = &[
     HELD_BY,
     EXTEND,
     EXPIRE,
-    FELL_SILENT,
+    GONE,
     FREE,
     GET,
     OPINIONS,
@@ -234,10 +233,9 @@ pub(crate) async fn expire(conn: &mut SqliteConnection, now_ms: i64) -> Result<u
     Ok(log_fruitless(&ended))
 }
 
-/// Takes back what a worker holds that fell silent. Returns how many there were.
-pub(crate) async fn fell_silent(conn: &mut SqliteConnection, absence: &Absence) -> Result<usize, StoreError> {
-    let worker = absence.worker.as_str();
-    let ended: Vec<(i64, String)> = sqlx::query_as(FELL_SILENT).bind(worker).fetch_all(conn).await?;
+/// Takes back what a worker held that is gone. Returns how many there were.
+pub(crate) async fn worker_gone(conn: &mut SqliteConnection, worker: &WorkerId) -> Result<usize, StoreError> {
+    let ended: Vec<(i64, String)> = sqlx::query_as(GONE).bind(worker.as_str()).fetch_all(conn).await?;
     Ok(log_fruitless(&ended))
 }
 

@@ -1,6 +1,6 @@
 //! Workers: who they are, and that they are who they say.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use furrow_schema::id::{Credential, EngineId, WorkerId};
 use furrow_schema::protocol::{Call, Hello, Refusal};
@@ -28,10 +28,10 @@ const UPDATE: &str = "update worker set name = ?2, engine_id = ?3, threads = ?4,
 const SEEN: &str = "update worker set last_seen_ms = ?2
     where id in (select value from json_each(?1)) and last_seen_ms < ?2 - ?3";
 
-/// Results that were recorded, by the claims they come from.
+/// Results that were recorded: claim they come from, number.
 const COUNT_RESULTS: &str = "update worker set results = results + counted.n
-    from (select claim.worker_id, count(*) as n
-          from json_each(?1) as added join claim on claim.id = added.value group by claim.worker_id) as counted
+    from (select claim.worker_id, sum(added.value ->> 1) as n
+          from json_each(?1) as added join claim on claim.id = added.value ->> 0 group by claim.worker_id) as counted
     where worker.id = counted.worker_id";
 
 /// Workers that get no more jobs: row, why. The first reason stays.
@@ -137,9 +137,15 @@ pub(crate) async fn hello(
 }
 
 /// Counts results that were recorded, by the claims they come from.
-pub(super) async fn count_results(conn: &mut SqliteConnection, claims: &[i64]) -> Result<(), StoreError> {
-    if !claims.is_empty() {
-        sqlx::query(COUNT_RESULTS).bind(to_json(&claims)).execute(conn).await?;
+pub(super) async fn count_results(
+    conn: &mut SqliteConnection,
+    claims: impl Iterator<Item = i64>,
+) -> Result<(), StoreError> {
+    let mut counted = BTreeMap::<i64, u64>::new();
+    claims.for_each(|claim| *counted.entry(claim).or_default() += 1);
+    if !counted.is_empty() {
+        let rows: Vec<_> = counted.into_iter().collect();
+        sqlx::query(COUNT_RESULTS).bind(to_json(&rows)).execute(conn).await?;
     }
     Ok(())
 }

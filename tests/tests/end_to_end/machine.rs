@@ -141,7 +141,7 @@ impl Machine {
     }
 
     pub(crate) fn claim(&self, want: u32) -> Call<Claim> {
-        self.call(Claim { engine: furrow_api::engine(), want, known_scenarios: Vec::new() })
+        self.call(Claim { engine: furrow_api::engine(), want, known_scenarios: Vec::new(), first: false })
     }
 
     /// The key of a question.

@@ -28,11 +28,11 @@ struct Held {
     worker: WorkerId,
     /// When it was handed out or renewed last.
     heard_ms: i64,
-    /// Whether its worker said that it runs.
-    runs: bool,
     told: Option<Told>,
     /// Whether a user may have cancelled it.
     cancelled: bool,
+    /// Whether another process took the place of the one that held it.
+    left: bool,
 }
 
 /// What a user asked for, and whether jobs may be handed out for it, as far as is known.
@@ -51,6 +51,8 @@ pub(super) struct Ledger {
     held: BTreeMap<Lease, Held>,
     newest: BTreeMap<JobId, u32>,
     granted: BTreeMap<RequestId, BTreeSet<Lease>>,
+    /// First claims of processes.
+    began: BTreeSet<RequestId>,
     on_record: BTreeMap<JobId, Digest>,
     /// Jobs that a user may have removed.
     removed: BTreeSet<JobId>,
@@ -67,6 +69,11 @@ impl Ledger {
     pub(super) fn claimed(&mut self, call: &Call<Claim>, leases: &Leases, now_ms: i64) -> Vec<String> {
         for text in &leases.scenarios {
             self.scenarios.insert(text.id, text.json.clone());
+        }
+        // Only the first time: the same claim that comes again later must not take anything from the process that made it.
+        if call.body.first && self.began.insert(call.request.clone()) {
+            let of_it = self.held.values_mut().filter(|held| held.worker == call.worker);
+            of_it.for_each(|held| held.left = true);
         }
         let mut broken = Vec::new();
         let granted: BTreeSet<Lease> = leases.jobs.iter().map(|job| (job.job, job.attempt)).collect();
@@ -106,7 +113,7 @@ impl Ledger {
             broken.push(format!("{lease:?} is handed out while attempt {before} is alive"));
         }
         let worker = call.worker.clone();
-        let held = Held { worker, heard_ms: now_ms, runs: false, told: None, cancelled: false };
+        let held = Held { worker, heard_ms: now_ms, told: None, cancelled: false, left: false };
         self.held.insert(lease, held);
         broken
     }
@@ -124,7 +131,7 @@ impl Ledger {
             if stale || self.on_record.contains_key(&held.job) {
                 broken.push(format!("the stale attempt {} of job {} was renewed", held.attempt, held.job));
             } else if let Some(known) = self.held.get_mut(&(held.job, held.attempt)) {
-                (known.heard_ms, known.runs) = (now_ms, held.running);
+                known.heard_ms = now_ms;
                 if known.worker != call.worker || known.told.is_some() {
                     broken.push(format!("attempt {} of job {} was renewed after its end", held.attempt, held.job));
                 }
@@ -243,17 +250,13 @@ impl Ledger {
     /// Whether a lease may have run out at this time.
     pub(super) fn may_have_run_out(&self, lease: Lease, ended_ms: i64) -> bool {
         let in_grace = self.grace.iter().any(|(after_ms, before_ms)| (after_ms + 1..*before_ms).contains(&ended_ms));
-        !in_grace && self.held.get(&lease).is_some_and(|held| ended_ms - held.heard_ms >= LEASE_MS - GRAIN_MS)
-    }
-
-    /// Whether a death may be charged for this handing-out, if it ran out.
-    pub(super) fn may_have_died(&self, lease: Lease) -> bool {
-        self.held.get(&lease).is_some_and(|held| held.runs)
+        let is_old = |held: &Held| ended_ms - held.heard_ms >= LEASE_MS - GRAIN_MS;
+        self.held.get(&lease).is_some_and(|held| held.left || (is_old(held) && !in_grace))
     }
 }
 
 impl Held {
     fn is_over(&self, now_ms: i64) -> bool {
-        self.told.is_some() || self.cancelled || now_ms - self.heard_ms >= LEASE_MS - GRAIN_MS
+        self.told.is_some() || self.cancelled || self.left || now_ms - self.heard_ms >= LEASE_MS - GRAIN_MS
     }
 }

@@ -23,6 +23,8 @@ use super::world::World;
 /// A spool's place in a test is as good as a small one.
 const SPOOL_BYTES: u64 = 1 << 20;
 
+/// Runs that end are in the spool after so long.
+const GATHERED_MS: i64 = 300;
 /// Begins every record of a spool, and the content of a run's.
 const MARK: &[u8] = b"\xF7run";
 const RUN_ENDED: &[u8] = br#"{"ended":"#;
@@ -133,11 +135,11 @@ impl Machine {
     fn close_books(&self) {
         let now_ms = self.world.now_ms();
         let mut ended = self.ended.lock().unwrap();
-        let unsure = ended.values().any(|ended_ms| ended_ms + 1 >= now_ms);
+        let unsure = ended.values().any(|ended_ms| ended_ms + GATHERED_MS >= now_ms);
         if !unsure && self.world.fault(300) {
             self.lose_power();
         }
-        ended.retain(|_, ended_ms| *ended_ms + 1 < now_ms);
+        ended.retain(|_, ended_ms| *ended_ms + GATHERED_MS < now_ms);
         ended.keys().for_each(|lease| self.world.ledger().spooled(*lease));
         ended.clear();
     }

@@ -72,7 +72,7 @@ fn call<T>(body: T) -> Call<T> {
 }
 
 fn claim() -> Call<Claim> {
-    call(Claim { engine: EngineId([1; 32]), want: 1, known_scenarios: Vec::new() })
+    call(Claim { engine: EngineId([1; 32]), want: 1, known_scenarios: Vec::new(), first: false })
 }
 
 fn hello() -> Call<Hello> {

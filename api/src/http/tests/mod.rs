@@ -103,7 +103,7 @@ impl Service {
         let engine = crate::engine();
         let hello = Hello { name: "test".to_owned(), engine, threads: 1 };
         self.coordinator.hello(self.call(hello)).await.into_result().unwrap();
-        let claim = Claim { engine, want: 256, known_scenarios: Vec::new() };
+        let claim = Claim { engine, want: 256, known_scenarios: Vec::new(), first: false };
         let leases = self.coordinator.claim(self.call(claim)).await.into_result().unwrap();
         let runs: Vec<RunReport> = leases.jobs.iter().map(report).collect();
         let count = runs.len();
