@@ -7,6 +7,7 @@ use furrow_schema::id::{EngineId, SweepId, WorkerId};
 use furrow_schema::protocol::{Call, Claim, Hello, Leases, Recorded, Refusal, Renew, Renewed, Reply, Report, Welcome};
 use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use tokio::sync::{mpsc, oneshot, watch};
+use tokio::task::AbortHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::batch::{Absence, Admission, Command, Errand};
@@ -45,6 +46,7 @@ struct Shared {
     work: watch::Receiver<u64>,
     stop: CancellationToken,
     stopped: CancellationToken,
+    tasks: Vec<AbortHandle>,
 }
 
 impl Coordinator {
@@ -61,10 +63,13 @@ impl Coordinator {
         let figures = Arc::new(Figures::default());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
         let writer = writer::Writer::new(store.clone(), config.clone(), rates.clone(), figures.clone(), bells);
-        tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
+        let writing = tokio::spawn(writer.run(queue, stop.clone(), stopped.clone()));
         let first_expiry = tokio::time::Instant::now() + config.leases_hold_for;
-        tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped }) }
+        let house = tokio::spawn(writer::keep_house(commands.downgrade(), stop.clone(), first_expiry));
+        let tasks = vec![writing.abort_handle(), house.abort_handle()];
+        Self {
+            shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped, tasks }),
+        }
     }
 
     /// A coordinator that answers what is asked of a store opened to read, beside the one that changes it. All else is
@@ -80,7 +85,10 @@ impl Coordinator {
         let figures = Arc::new(Figures::default());
         let (stop, stopped) = (CancellationToken::new(), CancellationToken::new());
         tokio::spawn(close_when_asked(store.clone(), stop.clone(), stopped.clone()));
-        Self { shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped }) }
+        let tasks = Vec::new();
+        Self {
+            shared: Arc::new(Shared { store, config, commands, rates, figures, changed, work, stop, stopped, tasks }),
+        }
     }
 
     /// The name under which workers find this coordinator; it stays with the database.
@@ -438,6 +446,12 @@ impl Coordinator {
     /// Waits until it has ended: after a shutdown, or by itself, because its database turned out to be damaged.
     pub async fn ended(&self) {
         self.shared.stopped.cancelled().await;
+    }
+
+    /// Ends it without a word, as a kill of its process does: what is not committed is rolled back, nobody gets an answer,
+    /// and the store stays open for another coordinator.
+    pub fn kill(&self) {
+        self.shared.tasks.iter().for_each(AbortHandle::abort);
     }
 
     fn same_engine(&self, worker: EngineId) -> Result<(), Refusal> {

@@ -39,6 +39,7 @@ pub use coordinator::Coordinator;
 pub use error::StoreError;
 pub use gate::Gate;
 pub use store::admission::SecretTerms;
+pub use store::rehearsal::Failure;
 pub use store::{Backup, Store};
 pub use view::{
     Attempt, AttemptEnd, Bar, CellSummary, CellValues, Census, Incident, JobCell, JobCursor, JobDetail, JobFilter,

@@ -76,7 +76,9 @@ pub(crate) struct Bells {
 
 impl Writer {
     pub(crate) fn new(store: Store, config: Config, rates: WriterRates, figures: Arc<Figures>, bells: Bells) -> Self {
-        Self { store, config, rates, figures, bells, heard: Heard::default(), outage: Outage::default() }
+        let first_ms = config.clock.now_ms() + config.leases_hold_for.as_millis() as i64;
+        let (heard, outage) = (Heard::default(), Outage::keeping_house_from(first_ms));
+        Self { store, config, rates, figures, bells, heard, outage }
     }
 
     /// Serves the queue until nobody can ask any more or `stop`; then empties it and closes the database.

@@ -20,12 +20,17 @@ impl Backoff {
         Self { next: FIRST }
     }
 
-    /// How long to wait this time.
-    pub(crate) fn pause(&mut self) -> Duration {
+    /// How long to wait this time, with `share` drawn by [`share`].
+    pub(crate) fn pause(&mut self, share: f64) -> Duration {
         let longest_now = self.next;
         self.next = (longest_now * 2).min(LONGEST);
-        longest_now.mul_f64(rand::random_range(0.5..=1.0))
+        longest_now.mul_f64(share)
     }
+}
+
+/// Which share of a pause to wait: half to all of it.
+pub(crate) fn share() -> f64 {
+    rand::random_range(0.5..=1.0)
 }
 
 #[cfg(test)]
@@ -35,7 +40,7 @@ mod tests {
     #[test]
     fn pauses_grow_from_a_tenth_of_a_second_and_stay_under_five() {
         let mut backoff = Backoff::new();
-        let pauses: Vec<Duration> = (0..20).map(|_| backoff.pause()).collect();
+        let pauses: Vec<Duration> = (0..20).map(|_| backoff.pause(share())).collect();
         assert!(pauses[0] >= FIRST / 2 && pauses[0] <= FIRST);
         assert!(pauses.iter().all(|pause| *pause <= LONGEST));
         assert!(pauses[10..].iter().all(|pause| *pause >= LONGEST / 2));

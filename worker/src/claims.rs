@@ -36,6 +36,7 @@ pub(crate) async fn claim_jobs<R: Runner>(
         std::future::pending::<()>().await;
     };
     tokio::select! {
+        biased;
         ended = work => ended,
         () = grace => Ok(()),
     }
@@ -90,6 +91,7 @@ async fn new_work(retry: Duration, changes: Option<&mut watch::Receiver<u64>>) {
         }
     };
     tokio::select! {
+        biased;
         () = change => {}
         () = tokio::time::sleep(retry) => {}
     }
@@ -97,6 +99,7 @@ async fn new_work(retry: Duration, changes: Option<&mut watch::Receiver<u64>>) {
 
 async fn pause(what: impl Future<Output = ()>, stop: &CancellationToken) {
     tokio::select! {
+        biased;
         () = what => {}
         () = stop.cancelled() => {}
     }

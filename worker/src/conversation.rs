@@ -11,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::backoff::Backoff;
 use crate::link::{Link, LinkError};
+use crate::pace::Shares;
 use crate::spool::Identity;
 
 /// A question with the method of [`Link`] that carries it.
@@ -62,6 +63,7 @@ pub(crate) struct Conversation {
     link: Arc<dyn Link>,
     identity: Identity,
     hello: Hello,
+    shares: Shares,
     /// The last question had no answer.
     away: AtomicBool,
     /// Rings when there is an answer again.
@@ -69,8 +71,8 @@ pub(crate) struct Conversation {
 }
 
 impl Conversation {
-    pub(crate) fn new(link: Arc<dyn Link>, identity: Identity, hello: Hello) -> Self {
-        Self { link, identity, hello, away: AtomicBool::new(false), back: Notify::new() }
+    pub(crate) fn new(link: Arc<dyn Link>, identity: Identity, hello: Hello, shares: Shares) -> Self {
+        Self { link, identity, hello, shares, away: AtomicBool::new(false), back: Notify::new() }
     }
 
     /// Waits for the first answer after a silence.
@@ -110,6 +112,7 @@ impl Conversation {
         let mut troubled = false;
         loop {
             let answer = tokio::select! {
+                biased;
                 answer = self.put(call.clone()) => answer,
                 () = give_up.cancelled() => return Err(AskError::GivenUp),
             };
@@ -128,7 +131,8 @@ impl Conversation {
             log_trouble(troubled, &trouble);
             troubled = true;
             tokio::select! {
-                () = tokio::time::sleep(backoff.pause()) => {}
+                biased;
+                () = tokio::time::sleep(backoff.pause((self.shares)())) => {}
                 () = self.back() => {}
                 () = give_up.cancelled() => return Err(AskError::GivenUp),
             }

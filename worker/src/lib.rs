@@ -5,7 +5,8 @@
 //! running and finished runs; `pool` empties the board on all cores; `claims`, `reports` and `renewals` are the three
 //! conversations that go on meanwhile; [`spool`] keeps finished runs on disk until they are acknowledged, and
 //! `spooling` is how they get there; [`runner`] is one run, with its stopwatch ([`timing`]) and its recorder
-//! ([`trajectory`]). [`lan`] is how a worker gets in at a coordinator on a local network. [`replay`] runs a finished job again to see its path.
+//! ([`trajectory`]). [`lan`] is how a worker gets in at a coordinator on a local network. [`replay`] runs a finished job
+//! again to see its path. With a [`Pace`] a worker lives in simulated time.
 
 mod backoff;
 mod board;
@@ -14,6 +15,7 @@ mod conversation;
 mod gathering;
 pub mod lan;
 pub mod link;
+pub mod pace;
 mod pool;
 mod renewals;
 pub mod replay;
@@ -31,6 +33,7 @@ pub mod zenoh_link;
 mod scripted;
 
 pub use link::{Link, LinkError};
+pub use pace::Pace;
 pub use runner::{Order, Runner, Simulator};
 pub use spool::{Spool, SpoolError};
 pub use worker::{Config, Summary, Worker, WorkerError};

@@ -7,8 +7,10 @@ use std::time::Instant;
 
 use furrow_schema::protocol::RunEnd;
 use tokio::sync::Notify;
+use tokio_util::sync::{CancellationToken, DropGuard};
 
 use crate::board::{Board, Work};
+use crate::pace::{self, Pace};
 use crate::runner::{Order, Runner};
 
 /// A panic's message is cut to this many characters.
@@ -44,9 +46,16 @@ impl<S> Shared<S> {
     }
 }
 
-/// Threads that take work from the board.
+/// Who takes work from the board.
+enum Takers {
+    Threads(rayon::ThreadPool),
+    /// Tasks in simulated time, which go when the guard does.
+    Tasks(Pace, DropGuard),
+}
+
+/// Empties the board.
 pub(crate) struct Pool<R: Runner> {
-    threads: rayon::ThreadPool,
+    takers: Takers,
     shared: Arc<Shared<R::Scenario>>,
     runner: Arc<R>,
 }
@@ -62,15 +71,23 @@ impl<R: Runner> Pool<R> {
         runner: Arc<R>,
     ) -> Result<Self, rayon::ThreadPoolBuildError> {
         let named = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).thread_name(|i| format!("run-{i}"));
-        Ok(Self { threads: named.build()?, shared, runner })
+        Ok(Self { takers: Takers::Threads(named.build()?), shared, runner })
     }
 
-    /// Sets as many threads to work as there is work for. Called whenever the board got jobs.
+    /// Tasks of the current tokio runtime in place of threads.
+    pub(crate) fn paced(shared: Arc<Shared<R::Scenario>>, runner: Arc<R>, pace: &Pace) -> Self {
+        Self { takers: Takers::Tasks(pace.clone(), CancellationToken::new().drop_guard()), shared, runner }
+    }
+
+    /// Sets as many takers to work as there is work for. Called whenever the board got jobs.
     pub(crate) fn kick(&self) {
         let more = self.shared.board().engage();
         for _ in 0..more {
             let (shared, runner) = (Arc::clone(&self.shared), Arc::clone(&self.runner));
-            self.threads.spawn(move || take_all(&shared, &runner));
+            match &self.takers {
+                Takers::Threads(threads) => threads.spawn(move || take_all(&shared, &runner)),
+                Takers::Tasks(pace, guard) => pace::begin(shared, runner, pace.clone(), guard.token().clone()),
+            }
         }
     }
 }
@@ -94,7 +111,8 @@ fn take_all<R: Runner>(shared: &Arc<Shared<R::Scenario>>, runner: &Arc<R>) {
     }
 }
 
-fn run<R: Runner>(runner: &R, work: &Work<R::Scenario>) -> RunEnd {
+/// One run, whatever it does.
+pub(crate) fn run<R: Runner>(runner: &R, work: &Work<R::Scenario>) -> RunEnd {
     let order = Order { seed: work.lease.seed, record: work.lease.record, alone: work.lease.alone };
     let whole_run = || {
         let scenario = work.scenario.read_by(|json| runner.read(json))?;

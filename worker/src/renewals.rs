@@ -20,6 +20,7 @@ pub(crate) async fn renew_leases<S>(conversation: &Conversation, every_ms: u64, 
     ticks.tick().await;
     loop {
         tokio::select! {
+            biased;
             _ = ticks.tick() => {}
             () = conversation.back() => {}
         }

@@ -40,8 +40,9 @@ pub(crate) async fn report_runs<S>(
             return Ok(summary);
         } else {
             tokio::select! {
-                () = shared.ended.notified() => {}
+                biased;
                 () = too_late.cancelled() => return Ok(summary),
+                () = shared.ended.notified() => {}
             }
         }
     }

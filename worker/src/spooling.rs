@@ -17,11 +17,18 @@ use crate::spool::{Spool, SpoolError};
 pub(crate) struct OpenSpool {
     spool: Arc<Mutex<Spool>>,
     coordinator: Arc<str>,
+    /// Whether to work on it where it is asked, without another thread.
+    at_once: bool,
 }
 
 impl OpenSpool {
     pub(crate) fn new(spool: Arc<Mutex<Spool>>, coordinator: &str) -> Self {
-        Self { spool, coordinator: coordinator.into() }
+        Self { spool, coordinator: coordinator.into(), at_once: false }
+    }
+
+    /// The same without threads.
+    pub(crate) fn at_once(self) -> Self {
+        Self { at_once: true, ..self }
     }
 
     /// The first runs that wait for an acknowledgement, as many as fit a report. None if they cannot be read.
@@ -52,9 +59,12 @@ impl OpenSpool {
         &self,
         work: impl FnOnce(&mut Spool, &str) -> Result<T, SpoolError> + Send + 'static,
     ) -> Result<T, SpoolError> {
-        let Self { spool, coordinator } = self.clone();
+        let Self { spool, coordinator, at_once } = self.clone();
         // No step between two changes of the spool can panic, so a poisoned one is as good.
         let work = move || work(&mut spool.lock().unwrap_or_else(PoisonError::into_inner), &coordinator);
+        if at_once {
+            return work();
+        }
         let done = tokio::task::spawn_blocking(work).await;
         done.unwrap_or_else(|error| Err(SpoolError::Disk(std::io::Error::other(error))))
     }

@@ -10,6 +10,7 @@ use tokio_util::sync::CancellationToken;
 use crate::claims::claim_jobs;
 use crate::conversation::{AskError, Conversation};
 use crate::link::Link;
+use crate::pace::Pace;
 use crate::pool::{Pool, Shared};
 use crate::renewals::renew_leases;
 use crate::reports::{deliver_spooled, report_runs};
@@ -108,6 +109,7 @@ pub struct Worker<R: Runner = Simulator> {
     identity: Identity,
     spool: Option<OpenSpool>,
     runner: Arc<R>,
+    pace: Option<Pace>,
 }
 
 impl Worker {
@@ -122,7 +124,7 @@ impl<R: Runner> Worker<R> {
     /// A worker that does with a job what `runner` does.
     #[must_use]
     pub fn with_runner(link: Arc<dyn Link>, config: Config, runner: R) -> Self {
-        Self { link, config, identity: Identity::random(), spool: None, runner: Arc::new(runner) }
+        Self { link, config, identity: Identity::random(), spool: None, runner: Arc::new(runner), pace: None }
     }
 
     /// Finished runs are kept in `spool` until `coordinator`, to which the link leads, has acknowledged them; the worker
@@ -131,6 +133,14 @@ impl<R: Runner> Worker<R> {
     pub fn spooling(mut self, spool: Arc<Mutex<Spool>>, coordinator: &str) -> Self {
         self.identity = spool.lock().unwrap_or_else(PoisonError::into_inner).identity_at(coordinator);
         self.spool = Some(OpenSpool::new(spool, coordinator));
+        self
+    }
+
+    /// Time is tokio's alone, which a test may move by hand: runs last as long as `pace` says, and no thread takes part.
+    #[must_use]
+    pub fn paced(mut self, pace: Pace) -> Self {
+        self.spool = self.spool.map(OpenSpool::at_once);
+        self.pace = Some(pace);
         self
     }
 
@@ -148,9 +158,10 @@ impl<R: Runner> Worker<R> {
     /// See [`WorkerError`]: the worker ended without being told to.
     pub async fn run(self, stop: CancellationToken) -> Result<Summary, WorkerError> {
         let shared = Arc::new(Shared::new(self.config.threads, self.spool.is_some()));
-        let pool = Pool::new(self.config.threads, Arc::clone(&shared), Arc::clone(&self.runner))
-            .map_err(|error| WorkerError::NoThreads(error.to_string()))?;
-        let conversation = Conversation::new(Arc::clone(&self.link), self.identity.clone(), self.config.hello());
+        let pool = self.pool(&shared)?;
+        let shares = self.pace.as_ref().map_or_else(Pace::drawn_shares, |pace| Arc::clone(&pace.shares));
+        let conversation =
+            Conversation::new(Arc::clone(&self.link), self.identity.clone(), self.config.hello(), shares);
         let welcome = match conversation.say_hello(&stop).await {
             Ok(welcome) => welcome,
             Err(AskError::GivenUp) => return Ok(Summary::default()),
@@ -163,6 +174,7 @@ impl<R: Runner> Worker<R> {
         };
         let renewals = renew_leases(&conversation, welcome.renew_every_ms, &shared);
         summary += tokio::select! {
+            biased;
             ended = self.converse(&conversation, &shared, &pool, &stop) => ended?,
             refusal = renewals => {
                 shared.board().close();
@@ -172,6 +184,15 @@ impl<R: Runner> Worker<R> {
         };
         tracing::info!(worker = %self.id(), done = summary.done, handed_back = summary.handed_back, "worker stopped");
         Ok(summary)
+    }
+
+    fn pool(&self, shared: &Arc<Shared<R::Scenario>>) -> Result<Pool<R>, WorkerError> {
+        let (shared, runner) = (Arc::clone(shared), Arc::clone(&self.runner));
+        match &self.pace {
+            Some(pace) => Ok(Pool::paced(shared, runner, pace)),
+            None => Pool::new(self.config.threads, shared, runner)
+                .map_err(|error| WorkerError::NoThreads(error.to_string())),
+        }
     }
 
     /// Claims and reports until everything is said; the first refusal stops the other side, too.
@@ -205,6 +226,7 @@ impl<R: Runner> Worker<R> {
         };
         let all = async { tokio::join!(claims, reports, spooling) };
         let (claimed, reported, ()) = tokio::select! {
+            biased;
             ended = all => ended,
             never = wind_down(shared, &halt, &too_late) => match never {},
         };

@@ -19,7 +19,7 @@ const RETRY_AFTER_MS: u64 = 1_000;
 /// An earlier claim of the same request.
 const FIND: &str = "select id from claim where worker_id = ?1 and request = ?2";
 
-/// A claim, if there is anything to grant: ?5, or in the queue.
+/// A claim, if it is to be known again anyway (?5) or there is anything to grant in the queue.
 const ADD: &str = "insert into claim (worker_id, request, claimed_ms)
     select ?1, ?2, ?3
     where ?5 or exists (select 1 from job
@@ -31,7 +31,7 @@ const TAKE: &str = "update job
     set state = 'leased', attempt = attempt + 1, claim_id = ?1, lease_until_ms = ?2, running = 0
     where id in (
         select id from job where state = 'queued' and held = 0 and engine_id = ?3 and not_before_ms <= ?4
-        order by priority desc, turn limit ?5)
+        order by priority desc, turn limit ?5 + 0)
     returning id, attempt, scenario_id, seed, record, alone, priority, turn";
 
 /// What a claim still holds.
@@ -86,26 +86,28 @@ pub(crate) async fn claim(
             rows.extend(sqlx::query_as::<_, Row>(HELD).bind(id).fetch_all(&mut *conn).await?);
             rows
         }
-        None => grant(conn, worker, request, claim.want, terms).await?,
+        None => grant(conn, worker, request, claim, terms).await?,
     };
     leases(conn, rows, &claim.known_scenarios).await
 }
 
-/// Verifications go first, but few wait as a rule.
+/// Verifications go first, but few wait as a rule. A process's first claim is noted even if it gets nothing: a late copy of
+/// it must not free what the process was given since.
 async fn grant(
     conn: &mut SqliteConnection,
     worker: i64,
     request: &RequestId,
-    want: u32,
+    claim: &Claim,
     terms: Terms,
 ) -> Result<Vec<Row>, StoreError> {
     let Terms { engine_id, now_ms, verify } = terms;
+    let want = claim.want;
     let verified = match verify {
         Some(verify) => verification::candidates(conn, worker, want, &verify, engine_id, now_ms).await?,
         None => Vec::new(),
     };
     let add = sqlx::query_scalar(ADD).bind(worker).bind(request.as_str()).bind(now_ms).bind(engine_id);
-    let add = add.bind(!verified.is_empty());
+    let add = add.bind(claim.first || !verified.is_empty());
     let Some(id): Option<i64> = add.fetch_optional(&mut *conn).await? else { return Ok(Vec::new()) };
     let mut rows = verification::lease(conn, id, &verified, now_ms).await?;
     let more = want.saturating_sub(u32::try_from(rows.len()).unwrap_or(want));

@@ -53,7 +53,7 @@ const NEXT: &str = "select sweep_id, retry, cell_id, job_id, placed from settlin
 /// The next cells and jobs of sweep ?1 behind (?2, ?3).
 const PAGE: &str = "select cell_id, job_id from cell_job
     where (cell_id, job_id) > (?2, ?3) and cell_id <= (select max(id) from cell where sweep_id = ?1)
-    order by cell_id, job_id limit ?4";
+    order by cell_id, job_id limit ?4 + 0";
 
 /// How far a sweep is: cell, job, places given.
 const ADVANCE: &str = "update settling set cell_id = ?2, job_id = ?3, placed = ?4 where sweep_id = ?1";

@@ -20,7 +20,7 @@ const MOST: i64 = 10_000;
 const OVERDUE: &str = "select job.id, attempt, claim_id, running, panics, deaths, worker_id, threads
     from job indexed by job_leased cross join claim on claim.id = claim_id cross join worker on worker.id = worker_id
     where job.state = 'leased' and lease_until_ms <= ?1
-    order by worker_id, claim_id, priority desc, turn, job.id limit ?2";
+    order by worker_id, claim_id, priority desc, turn, job.id limit ?2 + 0";
 
 /// Jobs that a worker holds, by name or row, as they were handed out.
 const HELD_BY: &str = "select job.id, attempt, claim_id, running, panics, deaths, worker_id, threads
@@ -272,6 +272,21 @@ mod tests {
         let again = bench.coordinator.claim(first).await.into_result().unwrap();
         assert_eq!(again.jobs, leases.jobs, "the claim repeated frees nothing");
         assert!(worker.renew(&leases.jobs, true).await.lost.is_empty());
+        bench.assert_consistent().await;
+    }
+
+    #[tokio::test]
+    async fn a_late_copy_of_a_first_claim_that_got_nothing_frees_nothing() {
+        let bench = Bench::new().await;
+        let worker = bench.worker().await;
+        let mut first = worker.claim_call(1);
+        first.body.first = true;
+        assert!(bench.coordinator.claim(first.clone()).await.into_result().unwrap().jobs.is_empty());
+        bench.submit(sweep(&["rgop"], 1)).await;
+        let jobs = worker.claim(1).await;
+        bench.coordinator.claim(first).await.into_result().unwrap();
+        assert!(worker.renew(&jobs, true).await.lost.is_empty());
+        assert_eq!(bench.job(&jobs[0]).await.attempts.len(), 1);
         bench.assert_consistent().await;
     }
 

@@ -29,7 +29,7 @@ const LIST: &str = "select incident.job_id, recorded.uid, recorded_engine.hash, 
         join worker other on other.id = other_worker_id join engine other_engine on other_engine.id = other_engine_id
         left join verification on verification.job_id = incident.job_id
     where (?1 is null or incident.job_id = ?1) and incident.id >= ?3
-    order by incident.id desc limit ?2";
+    order by incident.id desc limit ?2 + 0";
 
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] = &[ADD, LIST];

@@ -26,7 +26,7 @@ const LIST: &str = "select job.id, job.key, cell.sweep_id, cell.id, job.state, c
             select 1 from json_each(?5) as wanted where not exists (
                 select 1 from json_each(cell.factors) as label
                 where label.key = wanted.key and label.value = wanted.value))
-    order by cell.id, cell_job.job_id limit ?6";
+    order by cell.id, cell_job.job_id limit ?6 + 0";
 
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] = &[LIST];

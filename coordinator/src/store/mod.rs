@@ -5,13 +5,15 @@
 //! `runs` and `values` list what became of it; `claim`, `result`, `renew` and `expiry` move jobs along, by way of
 //! `transition` (what changes) and `tally` (what is counted); `admission` lets workers in and turns them away,
 //! `verification` has results computed again; `worker`, `scenario`, `incident` and `token` are a
-//! table each; `census` counts. Statements are constants with a sentence each; a test prepares all of them.
+//! table each; `census` counts; `rehearsal` is for tests of faults. Statements are constants with a sentence each; a test
+//! prepares all of them.
 //!
 //! `place` finds the file, `open` looks at it before anything is changed in it, `lock` keeps a second process from
 //! changing it, `transaction` and `log` are what the writer writes through, `backup` copies all of it.
 //!
 //! Lists of rows travel into a statement as one JSON text (`json_each`): a statement per batch, not per row. Where rows
-//! are wide and many, their values are bound one by one (`rows`).
+//! are wide and many, their values are bound one by one (`rows`). A limit is written `?1 + 0`: SQLite plans by the value
+//! of a bare `limit ?1`, and prepares the statement anew each time.
 
 pub(crate) mod admission;
 pub(crate) mod back_off;
@@ -30,6 +32,7 @@ mod open;
 mod place;
 #[cfg(test)]
 mod random_histories;
+pub(crate) mod rehearsal;
 pub(crate) mod removal;
 pub(crate) mod renew;
 pub(crate) mod result;

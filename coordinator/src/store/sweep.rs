@@ -19,7 +19,7 @@ const SELECT: &str = "with held as materialized (
     from sweep join engine on engine.id = sweep.engine_id left join held on held.sweep_id = sweep.id
     where (?1 is null or sweep.id = ?1) and (?2 is null or sweep.id < ?2)
         and sweep.id not in (select sweep_id from unlisted)
-    order by sweep.id desc limit ?3";
+    order by sweep.id desc limit ?3 + 0";
 
 #[cfg(test)]
 pub(super) const STATEMENTS: &[&str] = &[SELECT];

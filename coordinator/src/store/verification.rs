@@ -48,13 +48,13 @@ const CANDIDATES: &str = "with opinions (job_id, worker_id) as not materialized 
     select oldest.job_id from (
             select job_id, since_ms,
                 (select count(*) from opinions where opinions.job_id = waits.job_id and worker_id = ?1) as own
-            from verification as waits where state = 'waits' order by since_ms, job_id limit ?5) as oldest
+            from verification as waits where state = 'waits' order by since_ms, job_id limit ?5 + 0) as oldest
         cross join job on job.id = oldest.job_id
     where job.engine_id = ?2 and (own = 0 or (since_ms <= ?3 - ?4 and not exists (
         select 1 from worker as other
         where other.id <> ?1 and other.engine_id = ?2 and other.barred_ms is null and other.last_seen_ms > ?3 - ?4
             and own > (select count(*) from opinions where opinions.job_id = oldest.job_id and worker_id = other.id))))
-    order by since_ms, oldest.job_id limit ?6";
+    order by since_ms, oldest.job_id limit ?6 + 0";
 
 /// Gives jobs another attempt number. They go before all others of a claim.
 const NUMBER: &str = "update job set attempt = attempt + 1 where id in (select value from json_each(?1))

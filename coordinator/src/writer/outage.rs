@@ -17,11 +17,16 @@ pub(super) struct Outage {
     for_good: AtomicBool,
     /// Until then no lease runs out: those who hold one could not renew it [ms since 1970].
     leases_hold_until_ms: AtomicI64,
-    /// When housekeeping was last done [ms since 1970]; 0 before.
+    /// When housekeeping was last done, or is to be done first [ms since 1970].
     kept_house_ms: AtomicI64,
 }
 
 impl Outage {
+    /// Housekeeping begins at `first_ms`. Later is a standstill, too.
+    pub(super) fn keeping_house_from(first_ms: i64) -> Self {
+        Self { kept_house_ms: AtomicI64::new(first_ms), ..Self::default() }
+    }
+
     /// Something could not be written.
     pub(super) fn note(&self, error: &StoreError, now_ms: i64) {
         if !error.concerns_all() {
@@ -42,7 +47,7 @@ impl Outage {
     /// Housekeeping is done. After a standstill no lease ends for `hold`, in which workers renew.
     pub(super) fn keeps_house(&self, hold: Duration, now_ms: i64) {
         let last_ms = self.kept_house_ms.swap(now_ms, Ordering::Relaxed);
-        if last_ms > 0 && now_ms - last_ms > STANDSTILL_MS && !hold.is_zero() {
+        if now_ms - last_ms > STANDSTILL_MS && !hold.is_zero() {
             tracing::warn!("this process stood still: no lease ends before its workers had time to renew");
             self.leases_hold_until_ms.fetch_max(now_ms + hold.as_millis() as i64, Ordering::Relaxed);
         }
@@ -99,11 +104,18 @@ mod tests {
 
     #[test]
     fn no_lease_ends_right_after_a_standstill() {
-        let (outage, hold) = (Outage::default(), Duration::from_secs(10));
+        let (outage, hold) = (Outage::keeping_house_from(1_000), Duration::from_secs(10));
         for now_ms in [1_000, 2_000, 6_900] {
             outage.keeps_house(hold, now_ms);
             assert!(!outage.leases_hold(now_ms), "{now_ms}");
         }
+        outage.keeps_house(hold, 40_000);
+        assert!(outage.leases_hold(49_999) && !outage.leases_hold(50_000));
+    }
+
+    #[test]
+    fn a_standstill_is_one_before_the_first_housekeeping_too() {
+        let (outage, hold) = (Outage::keeping_house_from(10_000), Duration::from_secs(10));
         outage.keeps_house(hold, 40_000);
         assert!(outage.leases_hold(49_999) && !outage.leases_hold(50_000));
     }

@@ -31,9 +31,12 @@ fn program() -> PathBuf {
     program
 }
 
-/// `furrow` with these arguments, without standard input, killed when dropped.
-fn furrow(args: &[&str]) -> Command {
-    let mut command = Command::new(program());
+/// `furrow` with these arguments, in a network namespace if one is named, without standard input, killed when dropped.
+fn furrow(namespace: Option<&str>, args: &[&str]) -> Command {
+    let mut command = Command::new(if namespace.is_some() { PathBuf::from("ip") } else { program() });
+    if let Some(namespace) = namespace {
+        command.args(["netns", "exec", namespace]).arg(program());
+    }
     command
         .args(args)
         .env_remove("FURROW_LOG")
@@ -62,11 +65,27 @@ impl Running {
 
     /// The same in this environment.
     pub(crate) fn start_in(args: &[&str], environment: &[(&str, &str)]) -> Self {
+        let mut command = furrow(None, args);
+        command.envs(environment.iter().copied());
+        Self::spawn(command)
+    }
+
+    /// The same in a network namespace.
+    pub(crate) fn start_in_namespace(namespace: &str, args: &[&str]) -> Self {
+        Self::spawn(furrow(Some(namespace), args))
+    }
+
+    fn spawn(mut command: Command) -> Self {
         let (file, log): (File, TempPath) = tempfile::NamedTempFile::new().unwrap().into_parts();
-        let mut command = furrow(args);
-        command.envs(environment.iter().copied()).stdout(Stdio::piped()).stderr(file);
-        let child = command.spawn().expect("furrow can be started");
+        let child = command.stdout(Stdio::piped()).stderr(file).spawn().expect("furrow can be started");
         Self { child, log }
+    }
+
+    /// Sends the process a signal: `STOP`, `CONT`, ..
+    pub(crate) async fn signal(&self, name: &str) {
+        let pid = self.child.id().expect("the process still runs").to_string();
+        let sent = Command::new("sh").args(["-c", "kill -\"$1\" \"$0\"", &pid, name]).status().await.unwrap();
+        assert!(sent.success());
     }
 
     /// What it has logged so far.
@@ -89,9 +108,7 @@ impl Running {
 
     /// Asks the process to end, as a service manager does, and waits until it has.
     pub(crate) async fn terminate(&mut self, within: Duration) -> ExitStatus {
-        let pid = self.child.id().expect("the process still runs").to_string();
-        let sent = Command::new("sh").args(["-c", "kill -TERM \"$0\"", &pid]).status().await.unwrap();
-        assert!(sent.success());
+        self.signal("TERM").await;
         let ended = timeout(within, self.child.wait()).await;
         ended.unwrap_or_else(|_| panic!("the process goes on {within:?} after SIGTERM")).unwrap()
     }
@@ -115,7 +132,16 @@ pub(crate) async fn finished(args: &[&str]) -> Finished {
 
 /// The same, in an environment with these variables, too.
 pub(crate) async fn finished_with(args: &[&str], env: &[(&str, &str)]) -> Finished {
-    let output = timeout(PATIENCE, furrow(args).envs(env.iter().copied()).output()).await;
+    output_of(args, furrow(None, args).envs(env.iter().copied())).await
+}
+
+/// The same in a network namespace.
+pub(crate) async fn finished_in(namespace: &str, args: &[&str]) -> Finished {
+    output_of(args, &mut furrow(Some(namespace), args)).await
+}
+
+async fn output_of(args: &[&str], command: &mut Command) -> Finished {
+    let output = timeout(PATIENCE, command.output()).await;
     let output = output.unwrap_or_else(|_| panic!("furrow {args:?} hangs")).expect("furrow can be started");
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("furrow writes UTF-8");
     let finished = Finished { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) };

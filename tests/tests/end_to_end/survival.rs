@@ -15,17 +15,17 @@ use crate::process;
 use crate::server::Server;
 
 /// From the start of a killed coordinator's successor to the first claim of a worker.
-const BACK_WITHIN_MS: i64 = 10_000;
+pub(crate) const BACK_WITHIN_MS: i64 = 10_000;
 /// A worker finishes a run of these tests within this time, on a busy machine, too.
 const RUN_WITHIN: Duration = Duration::from_secs(60);
 
 /// One number from a database that is in use.
-async fn number(db: &str, query: &str) -> i64 {
+pub(crate) async fn number(db: &str, query: &str) -> i64 {
     let pool = SqlitePool::connect(&format!("sqlite://{db}?mode=ro")).await.unwrap();
     sqlx::query_scalar(AssertSqlSafe(query.to_owned())).fetch_one(&pool).await.unwrap()
 }
 
-fn now_ms() -> i64 {
+pub(crate) fn now_ms() -> i64 {
     SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_millis() as i64
 }
 
@@ -65,7 +65,7 @@ async fn a_sweep_outlives_its_killed_coordinator_with_every_job_run_once() {
 }
 
 /// Waits until the worker has put `more` records into its spool than now.
-async fn finished_runs(spool: &Path, more: usize) {
+pub(crate) async fn finished_runs(spool: &Path, more: usize) {
     let records = || fs::read(spool).unwrap().windows(4).filter(|word| *word == b"\xF7run").count();
     let before = records();
     let mut looks = interval(Duration::from_millis(5));

@@ -10,7 +10,7 @@ use tokio::time::sleep;
 
 use super::enrol::now_ms;
 use super::{Certificates, Enrolment};
-use crate::backoff::Backoff;
+use crate::backoff::{Backoff, share};
 use crate::spool::{Identity, Spool, SpoolError};
 use crate::zenoh_link::ZenohLink;
 
@@ -28,7 +28,7 @@ pub async fn keep_fresh(link: &ZenohLink, spool: &Mutex<Spool>) -> Infallible {
             sleep(due.min(LOOK_EVERY)).await;
         } else if let Err(trouble) = replace(link, spool, enrolment).await {
             tracing::debug!(trouble, "the worker's certificate is not replaced yet");
-            sleep(backoff.pause()).await;
+            sleep(backoff.pause(share())).await;
         }
     }
 }
