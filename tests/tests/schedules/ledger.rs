@@ -66,14 +66,18 @@ pub(super) struct Ledger {
 }
 
 impl Ledger {
+    /// A process claims for the first time: what an earlier one of the worker held is free. The same claim that comes again
+    /// later must not take anything from the process that made it.
+    pub(super) fn begins(&mut self, call: &Call<Claim>) {
+        if self.began.insert(call.request.clone()) {
+            let of_it = self.held.values_mut().filter(|held| held.worker == call.worker);
+            of_it.for_each(|held| held.left = true);
+        }
+    }
+
     pub(super) fn claimed(&mut self, call: &Call<Claim>, leases: &Leases, now_ms: i64) -> Vec<String> {
         for text in &leases.scenarios {
             self.scenarios.insert(text.id, text.json.clone());
-        }
-        // Only the first time: the same claim that comes again later must not take anything from the process that made it.
-        if call.body.first && self.began.insert(call.request.clone()) {
-            let of_it = self.held.values_mut().filter(|held| held.worker == call.worker);
-            of_it.for_each(|held| held.left = true);
         }
         let mut broken = Vec::new();
         let granted: BTreeSet<Lease> = leases.jobs.iter().map(|job| (job.job, job.attempt)).collect();

@@ -214,7 +214,7 @@ impl Server {
     fn note(&self, letters: &[Letter], answers: &[Answer]) {
         let now_ms = self.world.now_ms();
         let mut broken = Vec::new();
-        for kind in 0..4 {
+        for kind in 0..5 {
             for (letter, answer) in letters.iter().zip(answers) {
                 let mut ledger = self.world.ledger();
                 match (kind, &letter.question, answer) {
@@ -229,7 +229,8 @@ impl Server {
                         let Reply::Ok(renewed) = reply else { continue };
                         broken.extend(ledger.renewed(call, renewed, now_ms));
                     }
-                    (3, Question::Claim(call), Answer::Claim(reply)) => {
+                    (3, Question::Claim(call), Answer::Claim(Reply::Ok(_))) if call.body.first => ledger.begins(call),
+                    (4, Question::Claim(call), Answer::Claim(reply)) => {
                         let Reply::Ok(leases) = reply else { continue };
                         self.say(letter.from, &format!("claims {}", jobs(leases)), &Reply::Ok(()));
                         broken.extend(ledger.claimed(call, leases, now_ms));
