@@ -27,3 +27,23 @@ impl Gathering {
         self.last = Some(Instant::now());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn the_first_lot_is_taken_at_once_and_the_next_after_a_while_or_when_there_is_nothing_to_wait_for() {
+        let (shared, bell) = (Shared::<()>::new(1, false), Notify::new());
+        let (mut gathering, began) = (Gathering::default(), Instant::now());
+        gathering.more(&shared, &bell, |_| true).await;
+        assert_eq!(began.elapsed(), Duration::ZERO);
+        gathering.more(&shared, &bell, |_| true).await;
+        assert!(began.elapsed() >= EVERY && began.elapsed() < 2 * EVERY, "{:?}", began.elapsed());
+        let second = Instant::now();
+        gathering.more(&shared, &bell, |_| false).await;
+        assert_eq!(second.elapsed(), Duration::ZERO);
+        gathering.more(&shared, &bell, |_| second.elapsed() < EVERY / 2).await;
+        assert!(second.elapsed() >= EVERY, "without a ring it does not look again");
+    }
+}
