@@ -210,7 +210,7 @@ impl<S> Board<S> {
     }
 
     fn gathers(&self, ended: usize) -> bool {
-        !self.closed && self.running > 0 && ended > 0 && ended < MAX_CLAIM as usize
+        !self.closed && (self.running > 0 || !self.queue.is_empty()) && ended > 0 && ended < MAX_CLAIM as usize
     }
 
     /// What the spool is to keep now, and what to forget; nothing if it has nothing to do at the moment.

@@ -9,7 +9,7 @@ use crate::board::Board;
 use crate::pool::Shared;
 
 /// So long after one lot of ended runs the next is taken, unless it is full before or no run goes on.
-const EVERY: Duration = Duration::from_millis(250);
+const EVERY: Duration = Duration::from_secs(1);
 
 /// When the last lot was taken.
 #[derive(Debug, Default)]

@@ -270,15 +270,17 @@ fn what_is_handed_back_does_not_pass_through_the_spool() {
 #[test]
 fn ended_runs_wait_for_others_only_while_one_goes_on_and_they_do_not_fill_a_report() {
     let most = i64::from(MAX_CLAIM);
-    let mut board = board_with(1, (1..=most + 1).map(lease));
+    let mut board = board_with(1, [lease(1), lease(2)]);
     assert!(!board.gathers_for_report(), "nothing ended");
     run_one(&mut board, Duration::ZERO);
-    assert!(!board.gathers_for_report(), "nothing goes on");
+    assert!(board.gathers_for_report() && !board.gathers_for_spool(), "the next one is about to begin");
     let goes_on = board.take().unwrap();
-    assert!(board.gathers_for_report() && !board.gathers_for_spool());
+    assert!(board.gathers_for_report(), "the next one goes on");
+    board.finish(&goes_on.lease, done(), Duration::ZERO);
+    assert!(!board.gathers_for_report(), "nothing goes on");
+    board.add(lease(3), scenario());
     board.close();
     assert!(!board.gathers_for_report(), "the worker is leaving");
-    board.finish(&goes_on.lease, done(), Duration::ZERO);
 
     let mut full = board_with(2, (1..=most + 1).map(lease));
     (0..most).for_each(|_| run_one(&mut full, Duration::ZERO));
