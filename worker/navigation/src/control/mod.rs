@@ -1,15 +1,28 @@
-//! From the rows around the robot to wheel commands.
+//! From the rows around the robot, or its place in a lane, to commands.
 
 pub mod fuzzy;
+pub mod lane;
 
 pub use fuzzy::{Fuzzy, FuzzyParams};
+pub use lane::{LanePd, LanePdParams};
 
 crate::kinds! {
     /// Which controller follows a row.
     pub enum ControlSpec {
         /// The fuzzy controller of Guyonneau et al. (2022), section 3.3.
         Fuzzy(FuzzyParams) = "fuzzy",
+        /// Proportional and derivative control in a lane: Velasquez et al. (2022), section 3.4.
+        LanePd(LanePdParams) = "lane-pd",
     }
+}
+
+/// How the robot moves, in its own frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Twist {
+    /// Forward speed \[m/s\].
+    pub linear_m_s: f64,
+    /// Yaw rate \[rad/s\], counter-clockwise.
+    pub angular_rad_s: f64,
 }
 
 /// Speeds of the two wheels [rad/s]; positive drives forward.

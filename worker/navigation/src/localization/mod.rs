@@ -1,15 +1,32 @@
-//! From the lines of many scans to the rows around the robot.
+//! From the lines of many scans to the rows around the robot; in [`lane`] to the place in one lane.
 
+pub mod lane;
 pub mod merge;
 pub mod row_filter;
 
+pub use lane::LaneEstimator;
 pub use merge::MergedLines;
 pub use row_filter::{RowFilter, RowFilterParams, Rows};
+
+use crate::parameters::NoParams;
 
 crate::kinds! {
     /// How the robot places itself among the rows.
     pub enum LocalizationSpec {
         /// The rows around the robot, kept by the filter of Guyonneau et al. (2022), algorithm 4.
         RowFilter(RowFilterParams) = "row-filter",
+        /// The lane as the last scan showed it.
+        View(NoParams) = "view",
+    }
+}
+
+impl LocalizationSpec {
+    /// An estimator at the start of a lane of nominally `lane_width_m`; none for what places no robot in a lane.
+    #[must_use]
+    pub fn lane_estimator(&self, lane_width_m: f64) -> Option<Box<dyn LaneEstimator>> {
+        match self {
+            Self::RowFilter(_) => None,
+            Self::View(_) => Some(Box::new(lane::LastView::new(lane_width_m))),
+        }
     }
 }

@@ -1,0 +1,218 @@
+//! PL: a histogram finds the points of each row, least squares makes them a virtual wall, thresholds judge it.
+//!
+//! Velasquez et al. (2022), section 3.2, after Higuti et al. (2019). The paper gives the front and back end of the
+//! rectangle and the order of the steps; the other thresholds are ours.
+//!
+//! Deviation: the jump of a slope is taken against the prior heading, which is the one the scan was turned by. The
+//! distance a new one may jump grows while a side stays invalid, so that a side that was wrong once can come back.
+
+use super::{LaneEstimate, LaneFinder, LaneView, Points, Side};
+use crate::random::Stream;
+
+crate::parameters! {
+    /// Parameters of [`Pl`].
+    pub struct PlParams {
+        /// Points count from this far ahead. Paper: 0.1.
+        pub front_min_m: f64 = 0.1, "m", [-10.0, 10.0];
+        /// Points count up to this far ahead. Paper: 1.9.
+        pub front_max_m: f64 = 1.9, "m", [0.1, 10.0];
+        /// Points count up to so many nominal lane widths to each side, the paper's D_y. Ours.
+        pub side_lanes: f64 = 1.0, "1", [0.5, 3.0];
+        /// Width of the histogram's bins. Ours, after Higuti et al. (2019).
+        pub bin_m: f64 = 0.05, "m", [0.005, 0.5];
+        /// A wall has at least so many points. Ours.
+        pub min_points: u32 = 5, "1", [3, 10000];
+        /// Its points reach at least so far along the lane. Ours.
+        pub min_length_m: f64 = 0.4, "m", [0.0, 10.0];
+        /// Its points scatter about it at most so much: standard deviation. Ours: a uniform scatter over three bins has 0.043.
+        pub max_residual_m: f64 = 0.04, "m", [0.001, 1.0];
+        /// It is turned from the prior heading at most so much. Ours.
+        pub max_turn_rad: f64 = 0.26, "rad", [0.01, 1.5];
+        /// Its distance differs from the last valid one at most so much. Ours.
+        pub max_jump_m: f64 = 0.1, "m", [0.001, 5.0];
+        /// And so much more for each scan in which the side was invalid. Ours.
+        pub jump_growth_m: f64 = 0.02, "m", [0.0, 5.0];
+    }
+}
+
+/// The finder.
+#[derive(Debug, Clone)]
+pub struct Pl {
+    params: PlParams,
+    half_width_m: f64,
+    lane_width_m: f64,
+    left: Wall,
+    right: Wall,
+}
+
+impl Pl {
+    /// A finder that has seen no scan, for lanes of nominally `lane_width_m`.
+    #[must_use]
+    pub fn new(params: PlParams, lane_width_m: f64) -> Self {
+        let half_width_m = params.side_lanes * lane_width_m;
+        let bins = (half_width_m / params.bin_m).ceil().clamp(1.0, 10_000.0) as usize;
+        let wall = Wall::new(bins, 0.5 * lane_width_m);
+        Self { params, half_width_m, lane_width_m, left: wall.clone(), right: wall }
+    }
+
+    /// Steps 1 to 3: into the path frame, inside the rectangle in both frames, left and right apart.
+    fn sort_in(&mut self, points: &Points, heading_rad: f64) {
+        let (sin, cos) = libm::sincos(heading_rad);
+        let inside =
+            |x: f64, y: f64| x > self.params.front_min_m && x < self.params.front_max_m && y.abs() < self.half_width_m;
+        self.left.clear();
+        self.right.clear();
+        for (x, y) in points.iter() {
+            let (path_x, path_y) = (cos * x - sin * y, sin * x + cos * y);
+            if inside(x, y) && inside(path_x, path_y) {
+                let wall = if path_y > 0.0 { &mut self.left } else { &mut self.right };
+                wall.add(path_x, path_y.abs(), self.params.bin_m);
+            }
+        }
+    }
+}
+
+impl LaneFinder for Pl {
+    fn find(&mut self, points: &Points, prior: LaneEstimate, _random: &mut Stream) -> LaneView {
+        self.sort_in(points, prior.heading_rad);
+        let left = self.left.find(&self.params);
+        let right = self.right.find(&self.params);
+        // To the right, slopes are mirrored.
+        let turns = [left, right.map(|fit| Fit { slope: -fit.slope, ..fit })];
+        let better = turns.into_iter().flatten().min_by(|a, b| a.slope_variance.total_cmp(&b.slope_variance));
+        LaneView {
+            left: Side { distance_m: self.left.distance_m, valid: left.is_some() },
+            right: Side { distance_m: self.right.distance_m, valid: right.is_some() },
+            heading_rad: prior.heading_rad - better.map_or(0.0, |fit| libm::atan(fit.slope)),
+            heading_valid: better.is_some(),
+        }
+    }
+
+    fn restart(&mut self) {
+        self.left.restart(0.5 * self.lane_width_m);
+        self.right.restart(0.5 * self.lane_width_m);
+    }
+}
+
+/// One side: its points in this scan, and what is carried over. Distances are positive away from the robot.
+#[derive(Debug, Clone)]
+struct Wall {
+    x_m: Vec<f64>,
+    away_m: Vec<f64>,
+    counts: Vec<u32>,
+    /// The last valid distance.
+    distance_m: f64,
+    /// Scans since then.
+    missed: u32,
+}
+
+/// A valid wall.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    /// Away from the robot per metre ahead.
+    slope: f64,
+    /// How well the points determine the slope.
+    slope_variance: f64,
+}
+
+impl Wall {
+    fn new(bins: usize, distance_m: f64) -> Self {
+        Self { x_m: Vec::new(), away_m: Vec::new(), counts: vec![0; bins], distance_m, missed: 0 }
+    }
+
+    fn restart(&mut self, distance_m: f64) {
+        self.distance_m = distance_m;
+        self.missed = 0;
+    }
+
+    fn clear(&mut self) {
+        self.x_m.clear();
+        self.away_m.clear();
+        self.counts.fill(0);
+    }
+
+    fn add(&mut self, x_m: f64, away_m: f64, bin_m: f64) {
+        self.x_m.push(x_m);
+        self.away_m.push(away_m);
+        let bin = ((away_m / bin_m) as usize).min(self.counts.len() - 1);
+        self.counts[bin] += 1;
+    }
+
+    /// Steps 3 to 5: the wall of this scan if it is valid; takes its distance over.
+    fn find(&mut self, params: &PlParams) -> Option<Fit> {
+        let (fit, distance_m) = self.fit(params).unzip();
+        let jump_m = params.max_jump_m + f64::from(self.missed) * params.jump_growth_m;
+        let distance_m = distance_m.filter(|distance_m| (distance_m - self.distance_m).abs() <= jump_m);
+        if let Some(distance_m) = distance_m {
+            self.restart(distance_m);
+            return fit;
+        }
+        self.missed = self.missed.saturating_add(1);
+        None
+    }
+
+    /// Least squares through the points in the fullest bin (the nearest of several) and its two neighbours.
+    fn fit(&self, params: &PlParams) -> Option<(Fit, f64)> {
+        let fullest = (0..self.counts.len()).rev().max_by_key(|bin| self.counts[*bin])?;
+        let (low_m, high_m) = ((fullest as f64 - 1.0) * params.bin_m, (fullest as f64 + 2.0) * params.bin_m);
+        let mut sums = Sums::default();
+        for (x, away) in self.x_m.iter().zip(&self.away_m) {
+            if *away >= low_m && *away < high_m {
+                sums.add(*x, *away);
+            }
+        }
+        sums.wall(params)
+    }
+}
+
+/// Sums for a least-squares line and its residuals.
+#[derive(Debug, Clone, Copy)]
+struct Sums {
+    n: f64,
+    x: f64,
+    y: f64,
+    xx: f64,
+    xy: f64,
+    yy: f64,
+    first_m: f64,
+    last_m: f64,
+}
+
+impl Default for Sums {
+    fn default() -> Self {
+        let (first_m, last_m) = (f64::INFINITY, f64::NEG_INFINITY);
+        Self { n: 0.0, x: 0.0, y: 0.0, xx: 0.0, xy: 0.0, yy: 0.0, first_m, last_m }
+    }
+}
+
+impl Sums {
+    fn add(&mut self, x: f64, y: f64) {
+        self.n += 1.0;
+        self.x += x;
+        self.y += y;
+        self.xx += x * x;
+        self.xy += x * y;
+        self.yy += y * y;
+        self.first_m = self.first_m.min(x);
+        self.last_m = self.last_m.max(x);
+    }
+
+    /// The wall and its distance \[m\], if its own points speak for it.
+    fn wall(&self, params: &PlParams) -> Option<(Fit, f64)> {
+        if self.n < f64::from(params.min_points) || self.last_m - self.first_m < params.min_length_m {
+            return None;
+        }
+        let (mean_x, mean_y) = (self.x / self.n, self.y / self.n);
+        let spread = self.xx - self.x * mean_x;
+        if spread <= 1e-9 * self.n {
+            return None;
+        }
+        let slope = (self.xy - self.x * mean_y) / spread;
+        let variance = ((self.yy - self.y * mean_y - slope * slope * spread) / self.n).max(0.0);
+        let distance_m = (mean_y - slope * mean_x) / (1.0 + slope * slope).sqrt();
+        let good = variance <= params.max_residual_m * params.max_residual_m
+            && libm::atan(slope).abs() <= params.max_turn_rad
+            && distance_m > 0.0;
+        good.then_some((Fit { slope, slope_variance: variance / spread }, distance_m))
+    }
+}
