@@ -25,6 +25,18 @@ pub struct Twist {
     pub angular_rad_s: f64,
 }
 
+impl Twist {
+    /// The way ahead \[m\] and the turn \[rad\] in `dt_s` \[s\]; none if a number is not finite or beyond any robot's.
+    #[must_use]
+    pub fn moved(self, dt_s: f64) -> Option<(f64, f64)> {
+        let moved = (self.linear_m_s * dt_s, self.angular_rad_s * dt_s);
+        (moved.0.abs() <= FARTHEST && moved.1.abs() <= FARTHEST && dt_s >= 0.0).then_some(moved)
+    }
+}
+
+/// No robot moves this far between two steps \[m or rad\].
+const FARTHEST: f64 = 1e6;
+
 /// Speeds of the two wheels [rad/s]; positive drives forward.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WheelSpeeds {

@@ -17,6 +17,8 @@ crate::kinds! {
         RowFilter(RowFilterParams) = "row-filter",
         /// The lane as the last scan showed it.
         View(NoParams) = "view",
+        /// Its distances and heading by an extended Kalman filter: Velasquez et al. (2022), section 3.3.
+        Ekf(lane::ekf::EkfParams) = "ekf",
     }
 }
 
@@ -27,6 +29,7 @@ impl LocalizationSpec {
         match self {
             Self::RowFilter(_) => None,
             Self::View(_) => Some(Box::new(lane::LastView::new(lane_width_m))),
+            Self::Ekf(params) => Some(Box::new(lane::ekf::Ekf::new(params, lane_width_m))),
         }
     }
 }

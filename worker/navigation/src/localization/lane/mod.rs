@@ -3,13 +3,15 @@
 //! Each estimator is [predicted](LaneEstimator::predict) with what the wheels and the gyroscope say, and
 //! [corrected](LaneEstimator::correct) with a scan, in turn.
 
+pub mod ekf;
+
 use crate::control::Twist;
 use crate::perception::{LaneEstimate, LaneView, Points};
 use crate::random::Stream;
 
 /// Estimates where the robot is in its lane.
 pub trait LaneEstimator: Send {
-    /// The robot has moved for `dt_s` \[s\] with the twist `measured`. What is not a number counts as zero.
+    /// The robot has moved for `dt_s` \[s\] with the twist `measured`. Nothing changes if a number is not finite.
     fn predict(&mut self, measured: Twist, dt_s: f64);
 
     /// A scan has come: `points` in the robot's frame {R} \[m\], and what a finder saw in them.
