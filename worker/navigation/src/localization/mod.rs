@@ -9,6 +9,7 @@ pub use merge::MergedLines;
 pub use row_filter::{RowFilter, RowFilterParams, Rows};
 
 use crate::parameters::NoParams;
+use crate::perception::LaneEstimate;
 
 crate::kinds! {
     /// How the robot places itself among the rows.
@@ -23,13 +24,14 @@ crate::kinds! {
 }
 
 impl LocalizationSpec {
-    /// An estimator at the start of a lane of nominally `lane_width_m`; none for what places no robot in a lane.
+    /// An estimator in the middle of a lane of nominally `lane_width_m`; none for what places no robot in a lane.
     #[must_use]
     pub fn lane_estimator(&self, lane_width_m: f64) -> Option<Box<dyn LaneEstimator>> {
+        let start = LaneEstimate::middle(lane_width_m);
         match self {
             Self::RowFilter(_) => None,
-            Self::View(_) => Some(Box::new(lane::LastView::new(lane_width_m))),
-            Self::Ekf(params) => Some(Box::new(lane::ekf::Ekf::new(params, lane_width_m))),
+            Self::View(_) => Some(Box::new(lane::LastView::new(start))),
+            Self::Ekf(params) => Some(Box::new(lane::ekf::Ekf::new(params, start))),
         }
     }
 }

@@ -20,7 +20,7 @@ crate::parameters! {
 
 /// Follows a lane; never ends of itself.
 pub struct LaneFollower {
-    speed_m_s: f64,
+    params: LaneParams,
     estimator: Box<dyn LaneEstimator>,
     control: LanePd,
 }
@@ -28,8 +28,8 @@ pub struct LaneFollower {
 impl LaneFollower {
     /// A mission at the start of a lane.
     #[must_use]
-    pub fn new(params: &LaneParams, estimator: Box<dyn LaneEstimator>, control: LanePd) -> Self {
-        Self { speed_m_s: params.speed_m_s, estimator, control }
+    pub const fn new(params: LaneParams, estimator: Box<dyn LaneEstimator>, control: LanePd) -> Self {
+        Self { params, estimator, control }
     }
 
     /// The robot has moved for `dt_s` \[s\] with the twist `measured`; returns what it believes now.
@@ -48,12 +48,14 @@ impl LaneFollower {
     /// How to drive on, `dt_s` \[s\] after the last command.
     pub fn steer(&mut self, dt_s: f64) -> Twist {
         let angular_rad_s = self.control.steer(self.estimator.estimate(), dt_s);
-        Twist { linear_m_s: self.speed_m_s, angular_rad_s }
+        Twist { linear_m_s: self.params.speed_m_s, angular_rad_s }
     }
 
-    /// Begins again: an operator has put the robot back into the lane's middle, along it.
-    pub fn restart(&mut self) {
-        self.estimator.restart();
+    /// Begins again: an operator has put the robot back into the lane's middle, along it; returns where that is.
+    pub fn restart(&mut self) -> LaneEstimate {
+        let start = LaneEstimate::middle(self.params.lane_width_m);
+        self.estimator.restart(start);
         self.control.restart();
+        start
     }
 }

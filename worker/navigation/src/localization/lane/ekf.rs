@@ -36,19 +36,18 @@ pub struct Ekf {
     process: State,
     /// Diagonal of R.
     noise: State,
-    lane_width_m: f64,
     state: State,
     covariance: Matrix,
 }
 
 impl Ekf {
-    /// In the middle of a lane of nominally `lane_width_m`, as sure of it as of one measurement.
+    /// At `start`, as sure of it as of one measurement.
     #[must_use]
-    pub fn new(params: &EkfParams, lane_width_m: f64) -> Self {
+    pub fn new(params: &EkfParams, start: LaneEstimate) -> Self {
         let process = [params.distance_process_m2, params.distance_process_m2, params.heading_process_rad2];
         let noise = [params.distance_noise_m2, params.distance_noise_m2, params.heading_noise_rad2];
-        let state = [0.5 * lane_width_m, 0.5 * lane_width_m, 0.0];
-        Self { process, noise, lane_width_m, state, covariance: diagonal(noise) }
+        let state = [start.left_m, start.right_m, start.heading_rad];
+        Self { process, noise, state, covariance: diagonal(noise) }
     }
 
     /// Takes in a measured state; returns the innovation's square, normalised by its covariance (chi-square, 3).
@@ -100,8 +99,8 @@ impl LaneEstimator for Ekf {
         LaneEstimate { left_m, right_m, heading_rad }
     }
 
-    fn restart(&mut self) {
-        self.state = [0.5 * self.lane_width_m, 0.5 * self.lane_width_m, 0.0];
+    fn restart(&mut self, start: LaneEstimate) {
+        self.state = [start.left_m, start.right_m, start.heading_rad];
         self.covariance = diagonal(self.noise);
     }
 }
@@ -131,7 +130,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn ekf() -> Ekf {
-        Ekf::new(&EkfParams::default(), 0.75)
+        Ekf::new(&EkfParams::default(), LaneEstimate::middle(0.75))
     }
 
     fn twist(linear_m_s: f64, angular_rad_s: f64) -> Twist {
@@ -202,7 +201,7 @@ mod tests {
         for seed in 0..runs {
             let mut random = Stream::new(seed, "model");
             let params = EkfParams { heading_process_rad2: 1e-4, heading_noise_rad2: 0.01, ..EkfParams::default() };
-            let mut ekf = Ekf::new(&params, 0.75);
+            let mut ekf = Ekf::new(&params, LaneEstimate::middle(0.75));
             let sd = |variance: State| variance.map(f64::sqrt);
             let mut scattered = |state: State, sd: State| {
                 let [a, b, c] = state;

@@ -20,22 +20,21 @@ pub trait LaneEstimator: Send {
     /// What it believes now.
     fn estimate(&self) -> LaneEstimate;
 
-    /// Starts again in the middle of the nominal lane, along it: the robot was put there.
-    fn restart(&mut self);
+    /// Starts again: the robot was put to `start`, more or less.
+    fn restart(&mut self, start: LaneEstimate);
 }
 
 /// Believes the last view: the system without a filter.
 #[derive(Debug, Clone)]
 pub struct LastView {
-    lane_width_m: f64,
     estimate: LaneEstimate,
 }
 
 impl LastView {
-    /// In the middle of a lane of nominally `lane_width_m`.
+    /// Believes `start` until a view comes.
     #[must_use]
-    pub const fn new(lane_width_m: f64) -> Self {
-        Self { lane_width_m, estimate: LaneEstimate::middle(lane_width_m) }
+    pub const fn new(start: LaneEstimate) -> Self {
+        Self { estimate: start }
     }
 }
 
@@ -54,7 +53,7 @@ impl LaneEstimator for LastView {
         self.estimate
     }
 
-    fn restart(&mut self) {
-        *self = Self::new(self.lane_width_m);
+    fn restart(&mut self, start: LaneEstimate) {
+        self.estimate = start;
     }
 }

@@ -85,8 +85,8 @@ pub trait LaneFinder: Send {
     /// `points` are the returns in the robot's frame {R} \[m\]; `prior` is what the robot believes just before.
     fn find(&mut self, points: &Points, prior: LaneEstimate, random: &mut Stream) -> LaneView;
 
-    /// Forgets all earlier scans: the robot was put somewhere else.
-    fn restart(&mut self);
+    /// Forgets all earlier scans: the robot stands at `start` now.
+    fn restart(&mut self, start: LaneEstimate);
 }
 
 crate::kinds! {

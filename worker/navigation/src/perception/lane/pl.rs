@@ -28,10 +28,14 @@ crate::parameters! {
         pub max_residual_m: f64 = 0.04, "m", [0.001, 1.0];
         /// It is turned from the prior heading at most so much. Ours.
         pub max_turn_rad: f64 = 0.26, "rad", [0.01, 1.5];
+        /// The heading that it means is at most so far from straight along the lane. Ours.
+        pub max_heading_rad: f64 = 0.7, "rad", [0.01, 1.5];
         /// Its distance differs from the last valid one at most so much. Ours.
         pub max_jump_m: f64 = 0.1, "m", [0.001, 5.0];
         /// And so much more for each scan in which the side was invalid. Ours.
         pub jump_growth_m: f64 = 0.02, "m", [0.0, 5.0];
+        /// After so many scans without a valid side, the prior heading and the last distances are not trusted. Ours.
+        pub forget_after: u32 = 20, "1", [1, 100000];
     }
 }
 
@@ -40,9 +44,10 @@ crate::parameters! {
 pub struct Pl {
     params: PlParams,
     half_width_m: f64,
-    lane_width_m: f64,
     left: Wall,
     right: Wall,
+    /// Scans in a row without a valid side.
+    blind: u32,
 }
 
 impl Pl {
@@ -52,7 +57,7 @@ impl Pl {
         let half_width_m = params.side_lanes * lane_width_m;
         let bins = (half_width_m / params.bin_m).ceil().clamp(1.0, 10_000.0) as usize;
         let wall = Wall::new(bins, 0.5 * lane_width_m);
-        Self { params, half_width_m, lane_width_m, left: wall.clone(), right: wall }
+        Self { params, half_width_m, left: wall.clone(), right: wall, blind: 0 }
     }
 
     /// Steps 1 to 3: into the path frame, inside the rectangle in both frames, left and right apart.
@@ -74,23 +79,30 @@ impl Pl {
 
 impl LaneFinder for Pl {
     fn find(&mut self, points: &Points, prior: LaneEstimate, _random: &mut Stream) -> LaneView {
-        self.sort_in(points, prior.heading_rad);
-        let left = self.left.find(&self.params);
-        let right = self.right.find(&self.params);
-        // To the right, slopes are mirrored.
-        let turns = [left, right.map(|fit| Fit { slope: -fit.slope, ..fit })];
-        let better = turns.into_iter().flatten().min_by(|a, b| a.slope_variance.total_cmp(&b.slope_variance));
+        let lost = self.blind >= self.params.forget_after;
+        let turned_rad = if lost { 0.0 } else { prior.heading_rad };
+        if lost {
+            self.left.missed = None;
+            self.right.missed = None;
+        }
+        self.sort_in(points, turned_rad);
+        // Away from the robot means to the left on one side and to the right on the other.
+        let left = self.left.find(&self.params, turned_rad);
+        let right = self.right.find(&self.params, -turned_rad).map(|fit| Fit { heading_rad: -fit.heading_rad, ..fit });
+        let better = left.into_iter().chain(right).min_by(|a, b| a.slope_variance.total_cmp(&b.slope_variance));
+        self.blind = if better.is_some() { 0 } else { self.blind.saturating_add(1) };
         LaneView {
             left: Side { distance_m: self.left.distance_m, valid: left.is_some() },
             right: Side { distance_m: self.right.distance_m, valid: right.is_some() },
-            heading_rad: prior.heading_rad - better.map_or(0.0, |fit| libm::atan(fit.slope)),
+            heading_rad: better.map_or(prior.heading_rad, |fit| fit.heading_rad),
             heading_valid: better.is_some(),
         }
     }
 
-    fn restart(&mut self) {
-        self.left.restart(0.5 * self.lane_width_m);
-        self.right.restart(0.5 * self.lane_width_m);
+    fn restart(&mut self, start: LaneEstimate) {
+        self.left.restart(start.left_m);
+        self.right.restart(start.right_m);
+        self.blind = 0;
     }
 }
 
@@ -100,29 +112,29 @@ struct Wall {
     x_m: Vec<f64>,
     away_m: Vec<f64>,
     counts: Vec<u32>,
-    /// The last valid distance.
+    /// The last valid distance, or where the robot started.
     distance_m: f64,
-    /// Scans since then.
-    missed: u32,
+    /// Scans since then; none without a valid distance to compare with.
+    missed: Option<u32>,
 }
 
 /// A valid wall.
 #[derive(Debug, Clone, Copy)]
 struct Fit {
-    /// Away from the robot per metre ahead.
-    slope: f64,
+    /// The robot's heading, positive towards the wall \[rad\].
+    heading_rad: f64,
     /// How well the points determine the slope.
     slope_variance: f64,
 }
 
 impl Wall {
     fn new(bins: usize, distance_m: f64) -> Self {
-        Self { x_m: Vec::new(), away_m: Vec::new(), counts: vec![0; bins], distance_m, missed: 0 }
+        Self { x_m: Vec::new(), away_m: Vec::new(), counts: vec![0; bins], distance_m, missed: None }
     }
 
     fn restart(&mut self, distance_m: f64) {
         self.distance_m = distance_m;
-        self.missed = 0;
+        self.missed = None;
     }
 
     fn clear(&mut self) {
@@ -138,21 +150,22 @@ impl Wall {
         self.counts[bin] += 1;
     }
 
-    /// Steps 3 to 5: the wall of this scan if it is valid; takes its distance over.
-    fn find(&mut self, params: &PlParams) -> Option<Fit> {
-        let (fit, distance_m) = self.fit(params).unzip();
-        let jump_m = params.max_jump_m + f64::from(self.missed) * params.jump_growth_m;
-        let distance_m = distance_m.filter(|distance_m| (distance_m - self.distance_m).abs() <= jump_m);
-        if let Some(distance_m) = distance_m {
-            self.restart(distance_m);
+    /// Steps 3 to 5: the wall of this scan if it is valid; takes its distance over. The scan was turned by `turned_rad`,
+    /// positive towards the wall.
+    fn find(&mut self, params: &PlParams, turned_rad: f64) -> Option<Fit> {
+        let (fit, distance_m) = self.fit(params, turned_rad).unzip();
+        let jump_m = self.missed.map(|missed| params.max_jump_m + f64::from(missed) * params.jump_growth_m);
+        let near = |distance_m: &f64| jump_m.is_none_or(|jump_m| (distance_m - self.distance_m).abs() <= jump_m);
+        if let Some(distance_m) = distance_m.filter(near) {
+            (self.distance_m, self.missed) = (distance_m, Some(0));
             return fit;
         }
-        self.missed = self.missed.saturating_add(1);
+        self.missed = self.missed.map(|missed| missed.saturating_add(1));
         None
     }
 
     /// Least squares through the points in the fullest bin (the nearest of several) and its two neighbours.
-    fn fit(&self, params: &PlParams) -> Option<(Fit, f64)> {
+    fn fit(&self, params: &PlParams, turned_rad: f64) -> Option<(Fit, f64)> {
         let fullest = (0..self.counts.len()).rev().max_by_key(|bin| self.counts[*bin])?;
         let (low_m, high_m) = ((fullest as f64 - 1.0) * params.bin_m, (fullest as f64 + 2.0) * params.bin_m);
         let mut sums = Sums::default();
@@ -161,7 +174,7 @@ impl Wall {
                 sums.add(*x, *away);
             }
         }
-        sums.wall(params)
+        sums.wall(params, turned_rad)
     }
 }
 
@@ -198,7 +211,7 @@ impl Sums {
     }
 
     /// The wall and its distance \[m\], if its own points speak for it.
-    fn wall(&self, params: &PlParams) -> Option<(Fit, f64)> {
+    fn wall(&self, params: &PlParams, turned_rad: f64) -> Option<(Fit, f64)> {
         if self.n < f64::from(params.min_points) || self.last_m - self.first_m < params.min_length_m {
             return None;
         }
@@ -210,9 +223,12 @@ impl Sums {
         let slope = (self.xy - self.x * mean_y) / spread;
         let variance = ((self.yy - self.y * mean_y - slope * slope * spread) / self.n).max(0.0);
         let distance_m = (mean_y - slope * mean_x) / (1.0 + slope * slope).sqrt();
+        let turn_rad = libm::atan(slope);
+        let heading_rad = turned_rad - turn_rad;
         let good = variance <= params.max_residual_m * params.max_residual_m
-            && libm::atan(slope).abs() <= params.max_turn_rad
+            && turn_rad.abs() <= params.max_turn_rad
+            && heading_rad.abs() <= params.max_heading_rad
             && distance_m > 0.0;
-        good.then_some((Fit { slope, slope_variance: variance / spread }, distance_m))
+        good.then_some((Fit { heading_rad, slope_variance: variance / spread }, distance_m))
     }
 }
