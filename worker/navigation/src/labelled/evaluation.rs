@@ -173,6 +173,18 @@ mod tests {
         assert_eq!(evaluation.errors(&scans), None);
     }
 
+    #[test]
+    fn finders_are_right_on_simulated_scans() {
+        let scans = super::super::read(include_str!("../../benches/scans/lane.csv")).unwrap();
+        let feed = Feed::HeadingPrior { noise_rad: 0.05 };
+        for kind in LaneFinderSpec::kinds() {
+            let subject = Subject::Finder(LaneFinderSpec::read_kind(kind, Default::default()).unwrap().build(0.75));
+            let errors = Evaluation { subject, feed, lane_width_m: 0.75, seed: 1 }.errors(&scans).unwrap();
+            assert_eq!((errors.scans, errors.bad_share), (12, 0.0), "{kind}: {errors:?}");
+            assert!(errors.cross_track_median_m < 0.03 && errors.heading_median_deg < 1.5, "{kind}: {errors:?}");
+        }
+    }
+
     /// Errors on the scans of the file that `FURROW_REAL_SCANS` names, for eyes rather than for a bound.
     #[test]
     #[allow(clippy::print_stderr, clippy::unwrap_used)]

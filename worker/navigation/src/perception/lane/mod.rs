@@ -9,6 +9,11 @@
 
 pub mod pl;
 
+#[cfg(test)]
+mod conformance;
+#[cfg(test)]
+mod simulated;
+
 use super::Points;
 use crate::random::Stream;
 

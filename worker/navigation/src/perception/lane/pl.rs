@@ -232,3 +232,100 @@ impl Sums {
         good.then_some((Fit { heading_rad, slope_variance: variance / spread }, distance_m))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::LaneFinderSpec;
+    use super::super::conformance::{check, place};
+    use super::super::simulated::Scene;
+    use super::*;
+
+    fn pl() -> Pl {
+        Pl::new(PlParams::default(), 0.75)
+    }
+
+    fn find(pl: &mut Pl, points: &Points, prior: LaneEstimate) -> LaneView {
+        pl.find(points, prior, &mut Stream::new(1, "line-finder"))
+    }
+
+    /// Two walls of points, 5 cm apart, `left_m` and `right_m` away in the frame of a robot along them.
+    fn walls(left_m: f64, right_m: f64) -> Points {
+        let x_m: Vec<f64> = (3..37).map(|i| 0.05 * f64::from(i)).collect();
+        let y_m = [vec![left_m; x_m.len()], vec![-right_m; x_m.len()]].concat();
+        Points { x_m: [x_m.clone(), x_m].concat(), y_m }
+    }
+
+    #[test]
+    fn it_does_what_every_lane_finder_must() {
+        check(&LaneFinderSpec::Pl(PlParams::default()), Some(0.07));
+    }
+
+    #[test]
+    fn exact_walls_give_exact_distances_and_heading() {
+        let view = find(&mut pl(), &walls(0.31, 0.44), LaneEstimate::middle(0.75));
+        assert!((view.left.distance_m - 0.31).abs() < 1e-12 && (view.right.distance_m - 0.44).abs() < 1e-12);
+        assert!(view.left.valid && view.right.valid && view.heading_valid && view.heading_rad.abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_wrong_prior_heading_is_corrected_by_the_walls_slope() {
+        let view = find(&mut pl(), &walls(0.31, 0.44), place(0.0, 0.03));
+        assert!(view.heading_rad.abs() < 1e-12, "{view:?}");
+        assert!((view.left.distance_m - 0.31).abs() < 1e-12);
+    }
+
+    #[test]
+    fn points_behind_and_far_ahead_do_not_count() {
+        let mut points = walls(0.31, 0.44);
+        for i in 0..200 {
+            points.push(-0.01 * f64::from(i), 0.2);
+            points.push(1.9 + 0.01 * f64::from(i), 0.2);
+        }
+        assert_eq!(find(&mut pl(), &points, place(0.0, 0.0)), find(&mut pl(), &walls(0.31, 0.44), place(0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_jump_is_invalid_and_hands_the_last_valid_distance_on_until_it_has_stayed_long_enough() {
+        let mut pl = pl();
+        find(&mut pl, &walls(0.3, 0.45), place(0.0, 0.0));
+        let mut scans = 0;
+        loop {
+            let view = find(&mut pl, &walls(0.5, 0.45), place(0.0, 0.0));
+            scans += 1;
+            if view.left.valid {
+                assert!((view.left.distance_m - 0.5).abs() < 1e-12);
+                break;
+            }
+            assert!((view.left.distance_m - 0.3).abs() < 1e-12 && view.right.valid);
+        }
+        // 0.2 m are allowed once 0.1 m have grown by 0.02 m a scan.
+        assert_eq!(scans, 6);
+    }
+
+    #[test]
+    fn short_crooked_and_thin_walls_are_invalid() {
+        let valid = |points: &Points| find(&mut pl(), points, place(0.0, 0.0)).left.valid;
+        let only = |keep: &dyn Fn(f64) -> bool, wave_m: f64| {
+            let (mut points, all) = (Points::default(), walls(0.31, 0.44));
+            all.iter().filter(|(x, _)| keep(*x)).for_each(|(x, y)| points.push(x, y + wave_m * libm::sin(20.0 * x)));
+            points
+        };
+        assert!(valid(&only(&|x| x < 0.7, 0.0)) && !valid(&only(&|x| x < 0.5, 0.0)));
+        let strict = PlParams { max_residual_m: 0.005, ..PlParams::default() };
+        let wavy = only(&|_| true, 0.02);
+        assert!(valid(&wavy) && !find(&mut Pl::new(strict, 0.75), &wavy, place(0.0, 0.0)).left.valid);
+        assert!(!valid(&only(&|x| (x / 0.45).fract() < 0.1, 0.0)));
+    }
+
+    #[test]
+    fn a_heading_that_fits_nothing_is_forgotten_after_a_while() {
+        let mut pl = pl();
+        let mut prior = place(0.0, 1.2);
+        let points = Scene::new(place(0.0, 0.0), 0.0).scan(&mut Stream::new(1, "scan"));
+        for scan in 0..=PlParams::default().forget_after {
+            assert!(prior.heading_rad == 1.2);
+            prior.heading_rad = find(&mut pl, &points, prior).heading_rad;
+        }
+        assert!(prior.heading_rad.abs() < 0.03, "{prior:?}");
+    }
+}
