@@ -7,6 +7,7 @@
 //! A new lane finder is one new file, and here three lines: its module, its variant of [`LaneFinderSpec`] and its arm
 //! in [`LaneFinderSpec::build`].
 
+pub mod joint_fit;
 pub mod pl;
 
 #[cfg(test)]
@@ -99,6 +100,8 @@ crate::kinds! {
     pub enum LaneFinderSpec {
         /// Histogram and least squares per side: Velasquez et al. (2022), section 3.2.
         Pl(pl::PlParams) = "pl",
+        /// Two parallel rows at once, over all headings: a baseline that needs no prior.
+        JointFit(joint_fit::JointFitParams) = "joint-fit",
     }
 }
 
@@ -108,6 +111,7 @@ impl LaneFinderSpec {
     pub fn build(&self, lane_width_m: f64) -> Box<dyn LaneFinder> {
         match self {
             Self::Pl(params) => Box::new(pl::Pl::new(params.clone(), lane_width_m)),
+            Self::JointFit(params) => Box::new(joint_fit::JointFit::new(params.clone(), lane_width_m)),
         }
     }
 }

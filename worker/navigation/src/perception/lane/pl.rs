@@ -322,7 +322,7 @@ mod tests {
         let mut pl = pl();
         let mut prior = place(0.0, 1.2);
         let points = Scene::new(place(0.0, 0.0), 0.0).scan(&mut Stream::new(1, "scan"));
-        for scan in 0..=PlParams::default().forget_after {
+        for _ in 0..=PlParams::default().forget_after {
             assert!(prior.heading_rad == 1.2);
             prior.heading_rad = find(&mut pl, &points, prior).heading_rad;
         }
