@@ -8,6 +8,7 @@
 
 mod search;
 
+use super::thinned::Thinned;
 use super::{LaneEstimate, LaneFinder, LaneView, Points, Side};
 use crate::random::Stream;
 use search::Search;
@@ -55,7 +56,8 @@ impl JointFit {
     /// A finder for lanes of nominally `lane_width_m`.
     #[must_use]
     pub fn new(params: JointFitParams, lane_width_m: f64) -> Self {
-        let thinned = Thinned::new(&params, lane_width_m);
+        let reach_m = params.front_max_m.max(params.front_min_m.abs()) + 2.0 * lane_width_m;
+        let thinned = Thinned::new(params.cell_m, reach_m);
         let search = Search::new(&params, lane_width_m);
         Self { params, lane_width_m, thinned, search }
     }
@@ -163,46 +165,6 @@ impl LaneFinder for JointFit {
     fn restart(&mut self, _start: LaneEstimate) {}
 }
 
-/// One point per cell.
-#[derive(Debug, Clone)]
-struct Thinned {
-    points: Points,
-    cell_m: f64,
-    /// The largest distance ahead, behind, or to a side.
-    reach_m: f64,
-    per_row: usize,
-    taken: Vec<bool>,
-    /// The cells that are taken.
-    marked: Vec<usize>,
-}
-
-impl Thinned {
-    fn new(params: &JointFitParams, lane_width_m: f64) -> Self {
-        let reach_m = params.front_max_m.abs().max(params.front_min_m.abs()) + 2.0 * lane_width_m;
-        let per_row = 2 * ((reach_m / params.cell_m) as usize + 1);
-        let taken = vec![false; per_row * per_row];
-        Self { points: Points::default(), cell_m: params.cell_m, reach_m, per_row, taken, marked: Vec::new() }
-    }
-
-    fn fill(&mut self, points: &Points) {
-        self.points.clear();
-        self.marked.drain(..).for_each(|cell| self.taken[cell] = false);
-        for (x, y) in points.iter().filter(|(x, y)| x.abs() < self.reach_m && y.abs() < self.reach_m) {
-            let cell = self.half_cell(x) * self.per_row + self.half_cell(y);
-            if !self.taken[cell] {
-                self.taken[cell] = true;
-                self.marked.push(cell);
-                self.points.push(x, y);
-            }
-        }
-    }
-
-    /// Cells on both sides of zero are mirror images.
-    fn half_cell(&self, value_m: f64) -> usize {
-        2 * ((value_m.abs() / self.cell_m) as usize) + usize::from(value_m > 0.0)
-    }
-}
-
 /// Normal equations of away = left + slope x on the left and away = right - slope x on the right.
 #[derive(Debug, Clone, Copy)]
 struct PairSums {
@@ -283,18 +245,5 @@ mod tests {
         let view = find(&scene.scan(&mut Stream::new(3, "scan")));
         assert!((view.left.distance_m + view.right.distance_m - 0.75).abs() < 0.01, "{view:?}");
         assert!(!view.left.valid && (view.right.distance_m - 0.475).abs() < 0.03, "{view:?}");
-    }
-
-    #[test]
-    fn thinning_keeps_one_point_per_cell_whatever_the_side() {
-        let mut thinned = Thinned::new(&JointFitParams::default(), 0.75);
-        let mut points = Points::default();
-        for x in [0.301, 0.302, 0.329, 0.331, -0.301, f64::NAN, 1e9] {
-            points.push(x, 0.0);
-        }
-        for _ in 0..2 {
-            thinned.fill(&points);
-            assert_eq!(thinned.points.x_m, [0.301, 0.331, -0.301]);
-        }
     }
 }

@@ -9,11 +9,12 @@
 
 pub mod joint_fit;
 pub mod pl;
+pub(crate) mod thinned;
 
 #[cfg(test)]
 mod conformance;
 #[cfg(test)]
-mod simulated;
+pub(crate) mod simulated;
 
 use super::Points;
 use crate::random::Stream;
