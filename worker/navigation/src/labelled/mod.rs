@@ -6,8 +6,10 @@
 //! pairs, separated by spaces.
 
 mod evaluation;
+mod subject;
 
-pub use evaluation::{Errors, Evaluation, Feed, Subject};
+pub use evaluation::{Errors, Evaluation, Feed};
+pub use subject::Subject;
 
 use crate::perception::{LaneEstimate, Points};
 

@@ -43,11 +43,7 @@ impl LaneEstimator for LastView {
     fn predict(&mut self, _measured: Twist, _dt_s: f64) {}
 
     fn correct(&mut self, _points: &Points, view: LaneView, _random: &mut Stream) {
-        self.estimate = LaneEstimate {
-            left_m: view.left.distance_m,
-            right_m: view.right.distance_m,
-            heading_rad: view.heading_rad,
-        };
+        self.estimate = view.into();
     }
 
     fn estimate(&self) -> LaneEstimate {

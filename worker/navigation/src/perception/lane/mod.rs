@@ -85,6 +85,12 @@ impl LaneEstimate {
     }
 }
 
+impl From<LaneView> for LaneEstimate {
+    fn from(view: LaneView) -> Self {
+        Self { left_m: view.left.distance_m, right_m: view.right.distance_m, heading_rad: view.heading_rad }
+    }
+}
+
 /// Finds the lane in the scans of one LiDAR; may carry something over from scan to scan.
 pub trait LaneFinder: Send {
     /// The lane in one scan.
