@@ -9,7 +9,7 @@ use furrow_navigation::labelled::{self, Errors, Evaluation, Feed, LabelledScan, 
 use furrow_navigation::mission::LaneParams;
 use furrow_navigation::parameters::Parameters;
 use serde::Serialize;
-use serde_json::{Map, Value};
+use serde_json::Map;
 
 use super::error::CliError;
 use super::output;
