@@ -10,6 +10,7 @@
 //! turned clockwise with respect to the row.
 
 pub mod control;
+pub mod labelled;
 pub mod localization;
 pub mod mission;
 pub mod parameters;

@@ -208,11 +208,13 @@ struct Eye {
 impl Pilot {
     fn new(scenario: &Scenario, field: &Field, seed: Seed) -> Self {
         let SensorsSpec::TwoPlanarLidars(sensors) = &scenario.sensors;
-        let ControlSpec::Fuzzy(control) = &scenario.control;
+        let ControlSpec::Fuzzy(control) = &scenario.control else { unreachable!("a scenario is checked") };
         let fuzzy = Fuzzy::new(control.clone());
         match &scenario.mission {
             MissionSpec::RowByRow(params) => {
-                let LocalizationSpec::RowFilter(filter) = &scenario.localization;
+                let LocalizationSpec::RowFilter(filter) = &scenario.localization else {
+                    unreachable!("a scenario is checked")
+                };
                 let brief = Brief { inter_rows: field.inter_rows };
                 let mission = RowByRow::new(params.clone(), brief, RowFilter::new(filter.clone()), fuzzy);
                 Self::ByRows { mission, eyes: Eye::both(scenario, sensors, seed) }

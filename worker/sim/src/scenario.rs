@@ -77,6 +77,12 @@ impl Scenario {
                 "`none` finds no lines, but the mission `row-by-row` follows them; allowed with `heading-hold`";
             return Err(ScenarioError::new("perception.kind", reason));
         }
+        if !matches!(self.localization, LocalizationSpec::RowFilter(_)) {
+            return Err(ScenarioError::new("localization.kind", "must be `row-filter` for missions among rows"));
+        }
+        if !matches!(self.control, ControlSpec::Fuzzy(_)) {
+            return Err(ScenarioError::new("control.kind", "must be `fuzzy` for missions among rows"));
+        }
         let SensorsSpec::TwoPlanarLidars(sensors) = &self.sensors;
         if sensors.range_min_m >= sensors.range_max_m {
             let reason = format!("{} must be below sensors.range_max_m, {}", sensors.range_min_m, sensors.range_max_m);

@@ -1,16 +1,41 @@
-//! From the rows around the robot to wheel commands.
+//! From the rows around the robot, or its place in a lane, to commands.
 
 pub mod fuzzy;
+pub mod lane;
 
 pub use fuzzy::{Fuzzy, FuzzyParams};
+pub use lane::{LanePd, LanePdParams};
 
 crate::kinds! {
     /// Which controller follows a row.
     pub enum ControlSpec {
         /// The fuzzy controller of Guyonneau et al. (2022), section 3.3.
         Fuzzy(FuzzyParams) = "fuzzy",
+        /// Proportional and derivative control in a lane: Velasquez et al. (2022), section 3.4.
+        LanePd(LanePdParams) = "lane-pd",
     }
 }
+
+/// How the robot moves, in its own frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Twist {
+    /// Forward speed \[m/s\].
+    pub linear_m_s: f64,
+    /// Yaw rate \[rad/s\], counter-clockwise.
+    pub angular_rad_s: f64,
+}
+
+impl Twist {
+    /// The way ahead \[m\] and the turn \[rad\] in `dt_s` \[s\]; none if a number is not finite or beyond any robot's.
+    #[must_use]
+    pub fn moved(self, dt_s: f64) -> Option<(f64, f64)> {
+        let moved = (self.linear_m_s * dt_s, self.angular_rad_s * dt_s);
+        (moved.0.abs() <= FARTHEST && moved.1.abs() <= FARTHEST && dt_s >= 0.0).then_some(moved)
+    }
+}
+
+/// No robot moves this far between two steps \[m or rad\].
+const FARTHEST: f64 = 1e6;
 
 /// Speeds of the two wheels [rad/s]; positive drives forward.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

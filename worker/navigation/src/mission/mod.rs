@@ -1,7 +1,9 @@
-//! Which row to follow, when it ends, and how to change to the next one.
+//! Which row to follow, when it ends, and how to change to the next one; or a lane from here to its end.
 
+pub mod lane;
 pub mod row_by_row;
 
+pub use lane::{LaneFollower, LaneParams};
 pub use row_by_row::{RowByRow, RowByRowParams};
 
 use crate::control::WheelSpeeds;

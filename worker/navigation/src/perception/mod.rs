@@ -1,10 +1,11 @@
-//! From a scan to lines: one file per line finder.
+//! From a scan to lines, one file per line finder; in [`lane`] from a scan to the lane between two rows.
 //!
 //! A new line finder is one new file, and here three lines: its module, its variant of [`LineFinderSpec`] and
 //! its arm in [`LineFinderSpec::build`].
 
 mod candidates;
 mod genetic;
+pub mod lane;
 mod lanes;
 pub mod line;
 mod overlap;
@@ -23,6 +24,7 @@ pub mod scan;
 #[cfg(test)]
 mod conformance;
 
+pub use lane::{LaneEstimate, LaneFinder, LaneFinderSpec, LaneView};
 pub use line::Line;
 pub use scan::{Beams, Points, Scan};
 
