@@ -6,7 +6,7 @@
 //!   scans over which Guyonneau et al. (2022) give theirs in table 4;
 //! - `line_finding_time_per_100_points_ms`: 100 times that over the run's `points_processed`, table 6 there; absent
 //!   in a run that processed no points;
-//! - `computation_time_ms`: all line finding and control over the number of control steps, which is the time that
+//! - `computation_time_ms`: all finding of lines or lanes, estimation and control over the number of control steps, which is the time that
 //!   a robot's own computer spends between two scans and a command.
 
 mod histogram;
@@ -23,7 +23,14 @@ use self::histogram::Histogram;
 /// Calls of the front line finder that `line_finding_time_ms` is the mean of.
 const TIMED_LINE_FINDINGS: u64 = 500;
 /// Parts whose time is the robot's own computation.
-const COMPUTATION: [Part; 3] = [Part::LineFindingFront, Part::LineFindingBack, Part::Control];
+const COMPUTATION: [Part; 6] = [
+    Part::LineFindingFront,
+    Part::LineFindingBack,
+    Part::LaneFinding,
+    Part::LanePrediction,
+    Part::LaneCorrection,
+    Part::Control,
+];
 
 /// Times the parts of one run. It costs two readings of the clock a part, and 28 kB.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! Fields, robots, LiDARs and closed loops: one run is a pure function of scenario and seed.
 //!
 //! [`scenario`] says what a run is made of, [`run`] is the loop. The world is in [`field`], [`robot`],
-//! [`lidar`] and [`odometry`]; [`perception`] and [`mission`] add to navigation's what only a simulator can
+//! [`lidar`], [`odometry`] and [`motion_sensors`]; [`perception`] and [`mission`] add to navigation's what only a simulator can
 //! have: an oracle that sees the truth, and a floor that sees nothing. [`observer`] judges, [`svg`] draws,
 //! [`plan`] holds experiments as data. No clock, no threads, no input or output.
 
@@ -9,6 +9,7 @@ pub mod engine;
 pub mod field;
 pub mod lidar;
 pub mod mission;
+pub mod motion_sensors;
 pub mod observer;
 pub mod odometry;
 pub mod perception;
@@ -23,6 +24,8 @@ pub mod svg;
 mod bench_scans;
 #[cfg(test)]
 mod golden;
+#[cfg(test)]
+mod lane_view;
 #[cfg(test)]
 mod table5;
 

@@ -1,7 +1,7 @@
 //! Missions in the simulator: navigation's, and one that reads no lines, the floor of every comparison.
 
 use furrow_navigation::control::{Fuzzy, WheelSpeeds};
-use furrow_navigation::mission::{RowByRowParams, Step};
+use furrow_navigation::mission::{LaneParams, RowByRowParams, Step};
 use furrow_navigation::perception::Line;
 
 use crate::Pose;
@@ -13,6 +13,8 @@ furrow_navigation::kinds! {
         RowByRow(RowByRowParams) = "row-by-row",
         /// Row after row by odometry alone.
         HeadingHold(HeadingHoldParams) = "heading-hold",
+        /// Along one lane.
+        Lane(LaneParams) = "lane",
     }
 }
 

@@ -8,7 +8,7 @@ use furrow_navigation::random::Stream;
 
 use crate::Pose;
 use crate::lidar::TwoPlanarLidarsParams;
-use crate::robot::two_wheeled::Motion;
+use crate::robot::Motion;
 
 /// Noise is drawn per so much distance \[m\] or turn \[rad\].
 const CHUNK: f64 = 0.1;

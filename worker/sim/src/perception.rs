@@ -4,13 +4,17 @@
 //! same points. Merging, filter, control and row ends stay. It is the ceiling, and the test of the world.
 
 use furrow_navigation::parameters::{Kinds, NoParams, Parameter, ParameterError, list};
-use furrow_navigation::perception::{Found, Line, LineFinder, LineFinderSpec, Points, Scan};
+use furrow_navigation::perception::lane::Side;
+use furrow_navigation::perception::{
+    Found, LaneEstimate, LaneFinder, LaneFinderSpec, LaneView, Line, LineFinder, LineFinderSpec, Points, Scan,
+};
 use furrow_navigation::random::Stream;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
 use crate::Pose;
 use crate::field::Field;
+use crate::field::lane::Place;
 
 /// Rows farther from the LiDAR than this are not seen by the oracle either \[m\]: its range.
 const SIGHT_M: f64 = 4.0;
@@ -27,12 +31,14 @@ pub enum PerceptionSpec {
     Simulated(SimulatedPerception),
     /// A line finder.
     LineFinder(LineFinderSpec),
+    /// A lane finder.
+    LaneFinder(LaneFinderSpec),
 }
 
 furrow_navigation::kinds! {
     /// Perception that exists in the simulator alone.
     pub enum SimulatedPerception {
-        /// The true rows in place of found lines.
+        /// The true rows in place of found lines, or of a lane.
         Oracle(NoParams) = "oracle",
         /// No perception: for missions that read no lines.
         None(NoParams) = "none",
@@ -41,11 +47,12 @@ furrow_navigation::kinds! {
 
 impl Kinds for PerceptionSpec {
     fn kinds() -> Vec<&'static str> {
-        [SimulatedPerception::kinds(), LineFinderSpec::kinds()].concat()
+        [SimulatedPerception::kinds(), LineFinderSpec::kinds(), LaneFinderSpec::kinds()].concat()
     }
 
     fn table(kind: &str) -> Option<&'static [Parameter]> {
-        SimulatedPerception::table(kind).or_else(|| LineFinderSpec::table(kind))
+        let others = || LineFinderSpec::table(kind).or_else(|| LaneFinderSpec::table(kind));
+        SimulatedPerception::table(kind).or_else(others)
     }
 
     fn read_kind(kind: &str, parameters: Map<String, Value>) -> Result<Self, ParameterError> {
@@ -53,6 +60,8 @@ impl Kinds for PerceptionSpec {
             SimulatedPerception::read_kind(kind, parameters).map(Self::Simulated)
         } else if LineFinderSpec::table(kind).is_some() {
             LineFinderSpec::read_kind(kind, parameters).map(Self::LineFinder)
+        } else if LaneFinderSpec::table(kind).is_some() {
+            LaneFinderSpec::read_kind(kind, parameters).map(Self::LaneFinder)
         } else {
             let reason = format!("`{kind}` is unknown, allowed is {}", list(&Self::kinds()));
             Err(ParameterError::new("kind", reason))
@@ -67,10 +76,10 @@ pub(crate) enum Perception {
 }
 
 impl Perception {
-    /// None where the scenario has no perception.
+    /// None where the scenario has no perception of rows.
     pub(crate) fn new(spec: &PerceptionSpec) -> Option<Self> {
         match spec {
-            PerceptionSpec::Simulated(SimulatedPerception::None(_)) => None,
+            PerceptionSpec::Simulated(SimulatedPerception::None(_)) | PerceptionSpec::LaneFinder(_) => None,
             PerceptionSpec::Simulated(SimulatedPerception::Oracle(_)) => Some(Self::Oracle(Oracle::default())),
             PerceptionSpec::LineFinder(spec) => Some(Self::Finder(spec.build())),
         }
@@ -81,6 +90,43 @@ impl Perception {
         match self {
             Self::Finder(finder) => finder.find(scan, random),
             Self::Oracle(oracle) => oracle.find(scan, truth.0, truth.1),
+        }
+    }
+}
+
+/// The perception of a robot in a lane.
+pub(crate) enum LanePerception {
+    Finder(Box<dyn LaneFinder>),
+    Oracle,
+}
+
+impl LanePerception {
+    /// None where the scenario has no perception of lanes.
+    pub(crate) fn new(spec: &PerceptionSpec, lane_width_m: f64) -> Option<Self> {
+        match spec {
+            PerceptionSpec::Simulated(SimulatedPerception::Oracle(_)) => Some(Self::Oracle),
+            PerceptionSpec::LaneFinder(spec) => Some(Self::Finder(spec.build(lane_width_m))),
+            PerceptionSpec::Simulated(SimulatedPerception::None(_)) | PerceptionSpec::LineFinder(_) => None,
+        }
+    }
+
+    /// The lane in one scan; only the oracle looks at the truth.
+    pub(crate) fn find(&mut self, points: &Points, prior: LaneEstimate, random: &mut Stream, truth: Place) -> LaneView {
+        match self {
+            Self::Finder(finder) => finder.find(points, prior, random),
+            Self::Oracle => LaneView {
+                left: Side { distance_m: truth.left_m, valid: true },
+                right: Side { distance_m: truth.right_m, valid: true },
+                heading_rad: truth.heading_rad,
+                heading_valid: true,
+            },
+        }
+    }
+
+    /// Forgets all earlier scans: the robot stands at `start` now.
+    pub(crate) fn restart(&mut self, start: LaneEstimate) {
+        if let Self::Finder(finder) = self {
+            finder.restart(start);
         }
     }
 }

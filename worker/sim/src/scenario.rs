@@ -10,8 +10,9 @@ use crate::field::FieldSpec;
 use crate::lidar::SensorsSpec;
 use crate::mission::MissionSpec;
 use crate::observer::{LimitsSpec, ObserverSpec};
-use crate::perception::{PerceptionSpec, SimulatedPerception};
+use crate::perception::{LanePerception, PerceptionSpec, SimulatedPerception};
 use crate::robot::RobotSpec;
+use crate::run::STEPS_PER_S;
 
 /// What a run is made of, checked and with all defaults filled in.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -71,24 +72,53 @@ impl Scenario {
 
     /// Checks what one part cannot say alone.
     fn check(&self) -> Result<(), ScenarioError> {
+        match &self.mission {
+            MissionSpec::Lane(_) => self.check_lane(),
+            MissionSpec::RowByRow(_) | MissionSpec::HeadingHold(_) => self.check_rows(),
+        }
+    }
+
+    /// The parts of a mission among rows.
+    fn check_rows(&self) -> Result<(), ScenarioError> {
         let blind = matches!(self.perception, PerceptionSpec::Simulated(SimulatedPerception::None(_)));
         if blind && matches!(self.mission, MissionSpec::RowByRow(_)) {
             let reason =
                 "`none` finds no lines, but the mission `row-by-row` follows them; allowed with `heading-hold`";
             return Err(ScenarioError::new("perception.kind", reason));
         }
-        if !matches!(self.localization, LocalizationSpec::RowFilter(_)) {
-            return Err(ScenarioError::new("localization.kind", "must be `row-filter` for missions among rows"));
+        let fits = "for the missions `row-by-row` and `heading-hold`";
+        fit(self.field.among_rows(), "field.kind", "`guyonneau2022` or `custom`", fits)?;
+        fit(matches!(self.robot, RobotSpec::TwoWheeled(_)), "robot.kind", "`two-wheeled`", fits)?;
+        let finds_rows = !matches!(self.perception, PerceptionSpec::LaneFinder(_));
+        fit(finds_rows, "perception.kind", "`oracle`, `none` or a line finder", fits)?;
+        fit(matches!(self.localization, LocalizationSpec::RowFilter(_)), "localization.kind", "`row-filter`", fits)?;
+        fit(matches!(self.control, ControlSpec::Fuzzy(_)), "control.kind", "`fuzzy`", fits)?;
+        fit(matches!(self.observer, ObserverSpec::InterRows(_)), "observer.kind", "`inter-rows`", fits)?;
+        let SensorsSpec::TwoPlanarLidars(sensors) = &self.sensors else {
+            return fit(false, "sensors.kind", "`two-planar-lidars`", fits);
+        };
+        check_ranges(sensors.range_min_m, sensors.range_max_m)
+    }
+
+    /// The parts of a mission along a lane.
+    fn check_lane(&self) -> Result<(), ScenarioError> {
+        let fits = "for the mission `lane`";
+        fit(matches!(self.field, FieldSpec::Velasquez2022(_)), "field.kind", "`velasquez2022`", fits)?;
+        fit(matches!(self.robot, RobotSpec::SkidSteer(_)), "robot.kind", "`skid-steer`", fits)?;
+        let sees = LanePerception::new(&self.perception, 1.0).is_some();
+        fit(sees, "perception.kind", "`oracle` or a lane finder", fits)?;
+        let places = self.localization.lane_estimator(1.0).is_some();
+        fit(places, "localization.kind", "`view` or a filter of lanes", fits)?;
+        fit(matches!(self.control, ControlSpec::LanePd(_)), "control.kind", "`lane-pd`", fits)?;
+        fit(matches!(self.observer, ObserverSpec::Operator(_)), "observer.kind", "`operator`", fits)?;
+        let SensorsSpec::OnePlanarLidar(sensors) = &self.sensors else {
+            return fit(false, "sensors.kind", "`one-planar-lidar`", fits);
+        };
+        let reason = format!("{} does not divide the LiDAR's 40 scans a second", sensors.rate_hz);
+        if !STEPS_PER_S.is_multiple_of(sensors.rate_hz) {
+            return Err(ScenarioError::new("sensors.rate_hz", reason));
         }
-        if !matches!(self.control, ControlSpec::Fuzzy(_)) {
-            return Err(ScenarioError::new("control.kind", "must be `fuzzy` for missions among rows"));
-        }
-        let SensorsSpec::TwoPlanarLidars(sensors) = &self.sensors;
-        if sensors.range_min_m >= sensors.range_max_m {
-            let reason = format!("{} must be below sensors.range_max_m, {}", sensors.range_min_m, sensors.range_max_m);
-            return Err(ScenarioError::new("sensors.range_min_m", reason));
-        }
-        Ok(())
+        check_ranges(sensors.range_min_m, sensors.range_max_m)
     }
 
     /// The resolved scenario as JSON, all defaults present.
@@ -104,6 +134,19 @@ impl Scenario {
         write_sorted(&self.to_value(), &mut text);
         text
     }
+}
+
+/// Refuses a part that does not fit the mission.
+fn fit(fits: bool, path: &str, allowed: &str, mission: &str) -> Result<(), ScenarioError> {
+    if fits { Ok(()) } else { Err(ScenarioError::new(path, format!("must be {allowed} {mission}"))) }
+}
+
+fn check_ranges(min_m: f64, max_m: f64) -> Result<(), ScenarioError> {
+    if min_m < max_m {
+        return Ok(());
+    }
+    let reason = format!("{min_m} must be below sensors.range_max_m, {max_m}");
+    Err(ScenarioError::new("sensors.range_min_m", reason))
 }
 
 fn part<T: Kinds>(parts: &mut Map<String, Value>, name: &str) -> Result<T, ScenarioError> {
@@ -177,8 +220,22 @@ pub(crate) mod tests {
         })
     }
 
+    /// The system of Velasquez et al. (2022), every part with its defaults.
+    pub(crate) fn lane() -> Value {
+        json!({
+            "field": {"kind": "velasquez2022"}, "robot": {"kind": "skid-steer"},
+            "sensors": {"kind": "one-planar-lidar"}, "perception": {"kind": "pl"},
+            "localization": {"kind": "ekf"}, "control": {"kind": "lane-pd"},
+            "mission": {"kind": "lane"}, "observer": {"kind": "operator"},
+            "limits": {"kind": "simulated-time"}
+        })
+    }
+
     fn refused(path: &str, value: Value) -> String {
-        let mut scenario = base();
+        refused_in(base(), path, value)
+    }
+
+    fn refused_in(mut scenario: Value, path: &str, value: Value) -> String {
         let (parent, key) = path.rsplit_once('/').unwrap();
         scenario.pointer_mut(parent).unwrap()[key] = value;
         Scenario::from_value(scenario).unwrap_err().to_string()
@@ -204,6 +261,20 @@ pub(crate) mod tests {
         assert!(refused("/perception", json!({"kind": "none"})).starts_with("perception.kind: `none`"));
         assert!(refused("/perception", json!({"kind": "oracle", "eyes": 2})).contains("perception.eyes"));
         assert!(refused("/field/seed", json!({"fixed": -1})).starts_with("field.seed"));
+    }
+
+    #[test]
+    fn parts_of_rows_and_lanes_do_not_mix() {
+        Scenario::from_value(lane()).unwrap();
+        for part in ["field", "robot", "sensors", "perception", "localization", "control", "observer"] {
+            for (scenario, other) in [(base(), lane()), (lane(), base())] {
+                let message = refused_in(scenario, &format!("/{part}"), other[part].clone());
+                assert!(message.starts_with(&format!("{part}.kind: must be `")), "{message}");
+            }
+        }
+        let message = refused_in(lane(), "/perception", json!({"kind": "none"}));
+        assert_eq!(message, "perception.kind: must be `oracle` or a lane finder for the mission `lane`");
+        assert!(refused_in(lane(), "/sensors/rate_hz", json!(7)).starts_with("sensors.rate_hz: 7 does not divide"));
     }
 
     #[test]

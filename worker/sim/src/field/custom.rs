@@ -68,6 +68,7 @@ impl CustomField {
             start: Pose { x_m: self.start.x_m, y_m: self.start.y_m, heading_rad: self.start.heading_rad },
             inter_rows: self.inter_rows,
             error_range_x_m: self.error_range_x_m,
+            lane: None,
         }
     }
 

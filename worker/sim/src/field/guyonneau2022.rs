@@ -124,6 +124,7 @@ pub fn build(params: &Guyonneau2022Params, job_seed: u64) -> Field {
         start: Pose::default(),
         inter_rows: ROWS as u32 - 1,
         error_range_x_m: Some(crop.error_range_x_m),
+        lane: None,
     }
 }
 

@@ -2,10 +2,13 @@
 
 pub mod custom;
 pub mod guyonneau2022;
+pub mod lane;
 mod polyline;
+pub mod velasquez2022;
 
 use serde::{Deserialize, Serialize};
 
+pub use lane::Lane;
 pub use polyline::{OnLine, Polyline};
 
 use crate::Pose;
@@ -15,17 +18,26 @@ furrow_navigation::kinds! {
     pub enum FieldSpec {
         /// Crops 1 to 4 of Guyonneau et al. (2022).
         Guyonneau2022(guyonneau2022::Guyonneau2022Params) = "guyonneau2022",
+        /// Lanes of Velasquez et al. (2022).
+        Velasquez2022(velasquez2022::Velasquez2022Params) = "velasquez2022",
         /// A user's own field.
         Custom(custom::CustomField) = "custom",
     }
 }
 
 impl FieldSpec {
+    /// Whether a robot can drive from inter-row to inter-row in it.
+    #[must_use]
+    pub const fn among_rows(&self) -> bool {
+        matches!(self, Self::Guyonneau2022(_) | Self::Custom(_))
+    }
+
     /// The field: a pure function of its parameters and, where these say so, the job's seed.
     #[must_use]
     pub fn build(&self, job_seed: u64) -> Field {
         match self {
             Self::Guyonneau2022(params) => guyonneau2022::build(params, job_seed),
+            Self::Velasquez2022(params) => velasquez2022::build(params, job_seed),
             Self::Custom(custom) => custom.build(),
         }
     }
@@ -102,6 +114,8 @@ pub struct Field {
     pub inter_rows: u32,
     /// Positions count into the squared error where x lies in this range \[m\]; none: 1 m inside the row's extent.
     pub error_range_x_m: Option<[f64; 2]>,
+    /// The lane that the robot is to follow, where the field is one; its first inter-row may then be another.
+    pub lane: Option<Lane>,
 }
 
 impl Field {

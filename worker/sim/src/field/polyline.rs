@@ -1,5 +1,10 @@
 //! Lines of several straight pieces: rows, and the middles between them.
 
+use std::ops::Range;
+
+/// Pieces within this of a place are searched by [`Polyline::project_near`] \[m\].
+const NEAR_M: f64 = 3.0;
+
 /// A line through two points or more, directed from the first to the last.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polyline {
@@ -75,18 +80,33 @@ impl Polyline {
     /// The point `along_m` from the first one.
     #[must_use]
     pub fn at(&self, along_m: f64) -> [f64; 2] {
-        let piece = self.along_m[1..self.along_m.len() - 1].iter().filter(|end| **end < along_m).count();
+        let piece = self.piece(along_m);
         let (p, q) = (self.points[piece], self.points[piece + 1]);
         let share = (along_m - self.along_m[piece]) / (self.along_m[piece + 1] - self.along_m[piece]);
         [p[0] + share * (q[0] - p[0]), p[1] + share * (q[1] - p[1])]
     }
 
+    /// The piece that the point `along_m` from the first one is on.
+    fn piece(&self, along_m: f64) -> usize {
+        self.along_m[1..self.along_m.len() - 1].partition_point(|end| *end < along_m)
+    }
+
     /// Where (x, y) is relative to this line: projected on its nearest piece.
     #[must_use]
     pub fn project(&self, x_m: f64, y_m: f64) -> OnLine {
+        self.project_on(x_m, y_m, 0..self.points.len() - 1)
+    }
+
+    /// The same among the pieces within a few metres of `near_m` along the line: for long lines.
+    #[must_use]
+    pub fn project_near(&self, x_m: f64, y_m: f64, near_m: f64) -> OnLine {
+        self.project_on(x_m, y_m, self.piece(near_m - NEAR_M)..self.piece(near_m + NEAR_M) + 1)
+    }
+
+    fn project_on(&self, x_m: f64, y_m: f64, searched: Range<usize>) -> OnLine {
         let pieces = self.points.len() - 1;
         let mut nearest = (f64::INFINITY, OnLine { along_m: 0.0, length_m: self.length_m(), across_m: 0.0 });
-        for i in 0..pieces {
+        for i in searched {
             let (p, q) = (self.points[i], self.points[i + 1]);
             let length = self.along_m[i + 1] - self.along_m[i];
             let (ux, uy) = ((q[0] - p[0]) / length, (q[1] - p[1]) / length);
@@ -110,7 +130,7 @@ impl Polyline {
     #[must_use]
     pub fn piece_near(&self, x_m: f64, y_m: f64) -> ([f64; 2], [f64; 2]) {
         let along_m = self.project(x_m, y_m).along_m;
-        let piece = self.along_m[1..self.along_m.len() - 1].iter().filter(|end| **end < along_m).count();
+        let piece = self.piece(along_m);
         let (p, q) = (self.points[piece], self.points[piece + 1]);
         let length = distance(p, q);
         (p, [(q[0] - p[0]) / length, (q[1] - p[1]) / length])
@@ -145,6 +165,14 @@ mod tests {
         assert_eq!((p.along_m, p.length_m, p.across_m), (6.0, 7.0, -0.5));
         assert_eq!(bent().at(5.0), [4.0, 1.0]);
         assert_eq!(bent().piece_near(4.5, 2.0).1, [0.0, 1.0]);
+    }
+
+    #[test]
+    fn near_its_place_a_point_is_projected_as_on_the_whole_line() {
+        let line = Polyline::new((0..100).map(|i| [f64::from(i), 0.1 * f64::from(i % 3)]).collect());
+        for (x, y) in [(0.2, 0.3), (50.4, -0.3), (98.9, 0.5), (120.0, 0.0), (-5.0, 1.0)] {
+            assert_eq!(line.project_near(x, y, x + 1.5), line.project(x, y));
+        }
     }
 
     #[test]

@@ -41,13 +41,18 @@ impl PlanarLidar {
     #[must_use]
     pub fn new(params: &TwoPlanarLidarsParams) -> Self {
         let beams = Beams::new(params.beams as usize, params.field_of_view_rad);
+        Self::with_beams(beams, [params.range_min_m, params.range_max_m], params.range_noise_m)
+    }
+
+    /// A LiDAR with these beams, closest and farthest range \[m\] and standard deviation of a range \[m\].
+    pub(super) fn with_beams(beams: Beams, [range_min_m, range_max_m]: [f64; 2], noise_m: f64) -> Self {
         let (cos, sin) = (in_pairs(&beams.cos), in_pairs(&beams.sin));
         Self {
             ranges_m: vec![f64::INFINITY; beams.len()],
-            range_min_m: params.range_min_m,
-            range_max_m: params.range_max_m,
-            noise_m: params.range_noise_m,
-            stems: Stems::new(&beams, params.range_max_m),
+            range_min_m,
+            range_max_m,
+            noise_m,
+            stems: Stems::new(&beams, range_max_m),
             first_m: vec![[f64::INFINITY; 2]; cos.len()],
             cos,
             sin,
@@ -59,14 +64,18 @@ impl PlanarLidar {
 
     /// The ranges seen from `world_from_lidar`; no return is infinity.
     pub fn scan(&mut self, plants: &[Plant], world_from_lidar: Pose, random: &mut Stream) -> Scan<'_> {
-        self.stems.look(plants, world_from_lidar);
-        self.cast();
-        self.read(random);
-        Scan { beams: &self.beams, ranges_m: &self.ranges_m }
+        self.cast(plants, world_from_lidar);
+        self.read(random)
     }
 
-    /// Finds the first stem on each beam.
-    fn cast(&mut self) {
+    /// The beams, and what is [cast](Self::cast) on each \[m\]: more may be put in their way.
+    pub(super) fn beams_and_first(&mut self) -> (&Beams, &mut [f64]) {
+        (&self.beams, &mut self.first_m.as_flattened_mut()[..self.ranges_m.len()])
+    }
+
+    /// Finds the first stem on each beam; plants that no beam can reach may be left out.
+    pub(super) fn cast(&mut self, plants: &[Plant], world_from_lidar: Pose) {
+        self.stems.look(plants, world_from_lidar);
         self.first_m.fill([f64::INFINITY; 2]);
         for (stem, first, end) in self.stems.iter() {
             for pair in (first / 2..end.div_ceil(2)).step_by(PAIRS_AT_ONCE) {
@@ -81,7 +90,7 @@ impl PlanarLidar {
     }
 
     /// Reads the ranges off the beams, each with its own noise, in the beams' order.
-    fn read(&mut self, random: &mut Stream) {
+    pub(super) fn read(&mut self, random: &mut Stream) -> Scan<'_> {
         let first_m = &self.first_m.as_flattened()[..self.ranges_m.len()];
         let mut n = 0;
         for (i, first_m) in first_m.iter().enumerate() {
@@ -94,6 +103,7 @@ impl PlanarLidar {
             let range = first_m[*i as usize] + self.noise_m * deviate;
             self.ranges_m[*i as usize] = range.clamp(self.range_min_m, self.range_max_m);
         }
+        Scan { beams: &self.beams, ranges_m: &self.ranges_m }
     }
 }
 

@@ -62,7 +62,7 @@ impl Stems {
         }
     }
 
-    /// Takes in that the LiDAR is at `pose` among `plants`, the same in every call.
+    /// Takes in that the LiDAR is at `pose` among `plants`, of which those in reach are the same in every call.
     pub(super) fn look(&mut self, plants: &[Plant], pose: Pose) {
         if !self.gathered_at.is_some_and(|at| is_near(at, pose)) {
             self.gather(plants, pose);
@@ -182,7 +182,7 @@ fn rounded_up(value: f32) -> u32 {
 
 /// The angle of (x, y), to 1.2e-5 rad. Abramowitz and Stegun (1964), eq. 4.4.49, after atan(t) = pi/4 + atan((t - 1) / (t + 1)).
 #[inline]
-fn approximate_atan2(y: f32, x: f32) -> f32 {
+pub(super) fn approximate_atan2(y: f32, x: f32) -> f32 {
     use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
     let (ax, ay) = (x.abs(), y.abs());
     let ratio = (ay - ax) / (ay + ax);

@@ -95,7 +95,7 @@ fn count(flags: &[bool]) -> u32 {
 }
 
 /// Distance of (x, y) from a centred rectangle with these half lengths; 0 inside \[m\].
-fn outside(x: f64, y: f64, (half_x, half_y): (f64, f64)) -> f64 {
+pub(super) fn outside(x: f64, y: f64, (half_x, half_y): (f64, f64)) -> f64 {
     let (dx, dy) = ((x.abs() - half_x).max(0.0), (y.abs() - half_y).max(0.0));
     (dx * dx + dy * dy).sqrt()
 }

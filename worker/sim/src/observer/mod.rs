@@ -1,6 +1,7 @@
 //! Watches the truth, decides how a run ends, and keeps its metrics. Nothing of it reaches an algorithm.
 
 mod damage;
+pub mod operator;
 mod progress;
 
 use std::collections::BTreeMap;
@@ -9,6 +10,8 @@ use crate::Pose;
 use crate::field::Field;
 use crate::robot::TwoWheeledParams;
 use crate::run::{Outcome, RunResult};
+pub use operator::{Cause, Intervention, Operator, OperatorParams, SubCause};
+
 use damage::Damage;
 use furrow_navigation::mission::Step;
 use progress::Progress;
@@ -18,6 +21,8 @@ furrow_navigation::kinds! {
     pub enum ObserverSpec {
         /// Row following between the rows of a field, one after the other.
         InterRows(InterRowsParams) = "inter-rows",
+        /// An operator who walks beside a robot in a lane, helps where it fails and says why.
+        Operator(OperatorParams) = "operator",
     }
 }
 
@@ -84,7 +89,7 @@ impl Mean {
 
 impl<'a> Observer<'a> {
     pub(crate) fn new(spec: &ObserverSpec, limits: &LimitsSpec, field: &'a Field, robot: &TwoWheeledParams) -> Self {
-        let ObserverSpec::InterRows(params) = spec;
+        let ObserverSpec::InterRows(params) = spec else { unreachable!("a scenario is checked") };
         let LimitsSpec::SimulatedTime(limits) = limits;
         Self {
             field,
@@ -159,7 +164,7 @@ impl<'a> Observer<'a> {
         metrics.extend(self.points.value().map(|points| ("points_processed", points)));
         metrics.extend(self.error.value().map(|error| ("mean_squared_error_mm2", error * 1e6)));
         let digest = digest(self.trajectory, outcome, &metrics);
-        RunResult { digest, outcome, metrics, damaged: self.damage.damaged() }
+        RunResult { digest, outcome, metrics, damaged: self.damage.damaged(), interventions: Vec::new() }
     }
 }
 

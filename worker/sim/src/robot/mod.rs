@@ -1,7 +1,9 @@
-//! Robots: from wheel commands to motion, and the ground they touch.
+//! Robots: from commands to motion, and the ground they touch.
 
+pub mod skid_steer;
 pub mod two_wheeled;
 
+pub use skid_steer::{SkidSteer, SkidSteerParams};
 pub use two_wheeled::{TwoWheeled, TwoWheeledParams};
 
 furrow_navigation::kinds! {
@@ -9,5 +11,16 @@ furrow_navigation::kinds! {
     pub enum RobotSpec {
         /// A differential robot with two driven wheels, the same at both ends.
         TwoWheeled(TwoWheeledParams) = "two-wheeled",
+        /// A skid-steered robot with four wheels.
+        SkidSteer(SkidSteerParams) = "skid-steer",
     }
+}
+
+/// How a robot moved in a step, as its own odometry would see it without error.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Motion {
+    /// Along its heading \[m\].
+    pub distance_m: f64,
+    /// Counter-clockwise \[rad\].
+    pub turn_rad: f64,
 }

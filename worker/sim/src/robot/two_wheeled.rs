@@ -4,6 +4,7 @@
 
 use furrow_navigation::control::WheelSpeeds;
 
+use super::Motion;
 use crate::Pose;
 
 furrow_navigation::parameters! {
@@ -29,15 +30,6 @@ furrow_navigation::parameters! {
 pub struct TwoWheeled {
     params: TwoWheeledParams,
     wheels: WheelSpeeds,
-}
-
-/// How the robot moved in a step, as its own odometry would see it without error.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Motion {
-    /// Along its heading \[m\].
-    pub distance_m: f64,
-    /// Counter-clockwise \[rad\].
-    pub turn_rad: f64,
 }
 
 impl TwoWheeled {

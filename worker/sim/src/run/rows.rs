@@ -1,6 +1,4 @@
-//! One run: the closed loop, in fixed steps, a pure function of scenario and seed.
-
-use std::collections::BTreeMap;
+//! The loop of a robot that drives from inter-row to inter-row: Guyonneau et al. (2022).
 
 use furrow_navigation::control::{ControlSpec, Fuzzy, WheelSpeeds};
 use furrow_navigation::localization::merge::RobotFromLidar;
@@ -8,145 +6,20 @@ use furrow_navigation::localization::{LocalizationSpec, RowFilter};
 use furrow_navigation::mission::{Brief, RowByRow, Step};
 use furrow_navigation::random::Stream;
 
+use super::{Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_SAMPLE, Seed, timed};
 use crate::field::Field;
 use crate::lidar::{PlanarLidar, SensorsSpec, TwoPlanarLidarsParams};
 use crate::mission::{HeadingHold, Layout, MissionSpec};
 use crate::observer::Observer;
 use crate::odometry::Odometry;
 use crate::perception::Perception;
-use crate::robot::{RobotSpec, TwoWheeled};
+use crate::robot::{Motion, RobotSpec, TwoWheeled};
 use crate::{Pose, Scenario};
 
-/// One step of the loop \[s\]: the period of the LiDARs, 40 Hz.
-pub const STEP_S: f64 = 0.025;
-/// Steps per control cycle: 250 ms, the program behind the tables of Guyonneau et al. (2022).
-pub const STEPS_PER_CYCLE: u64 = 10;
-/// Steps per sample of the observer: 20 Hz.
-pub const STEPS_PER_SAMPLE: u64 = 2;
-
-/// The seed of a run's random streams.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Seed(pub u64);
-
-/// A part of the loop, for timing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Part {
-    /// Ray casting of both LiDARs.
-    Scan,
-    /// The line finder on a scan of the front LiDAR.
-    LineFindingFront,
-    /// The line finder on a scan of the back LiDAR.
-    LineFindingBack,
-    /// Merging, filter, state machine and controller.
-    Control,
-    /// The robot's motion.
-    Drive,
-    /// The observer.
-    Observe,
-}
-
-impl Part {
-    /// All parts, in the order of the loop.
-    pub const ALL: [Self; 6] =
-        [Self::Scan, Self::LineFindingFront, Self::LineFindingBack, Self::Control, Self::Drive, Self::Observe];
-
-    /// Its kebab-case name.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Scan => "scan",
-            Self::LineFindingFront => "line-finding-front",
-            Self::LineFindingBack => "line-finding-back",
-            Self::Control => "control",
-            Self::Drive => "drive",
-            Self::Observe => "observe",
-        }
-    }
-}
-
-/// Watches a run: times parts, records, may ask to stop. It never feeds back.
-pub trait Probe {
-    /// A part begins.
-    fn begin(&mut self, _part: Part) {}
-    /// A part ends.
-    fn end(&mut self, _part: Part) {}
-    /// The true pose, every 0.05 s of simulated time.
-    fn pose(&mut self, _time_s: f64, _world_from_robot: Pose) {}
-    /// Asked every 0.25 s of simulated time; true ends the run with [`Outcome::Stopped`].
-    fn stop(&mut self) -> bool {
-        false
-    }
-}
-
-impl Probe for () {}
-
-/// How a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Outcome {
-    /// The end of the last inter-row was reached and no crop plant run over.
-    Success,
-    /// The end was reached, but crop plants were run over.
-    Crushed,
-    /// The robot did not know where it was any more.
-    Lost,
-    /// It was in another inter-row than it should have been.
-    WrongRow,
-    /// It said that it was done and was not.
-    EndedEarly,
-    /// It stayed where it was for too long.
-    Stuck,
-    /// The simulated time ran out.
-    Time,
-    /// The probe asked for it; there is no result.
-    Stopped,
-}
-
-impl Outcome {
-    /// All outcomes, the good one first.
-    pub const ALL: [Self; 8] = [
-        Self::Success,
-        Self::Crushed,
-        Self::Lost,
-        Self::WrongRow,
-        Self::EndedEarly,
-        Self::Stuck,
-        Self::Time,
-        Self::Stopped,
-    ];
-
-    /// Its kebab-case name.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Success => "success",
-            Self::Crushed => "crushed",
-            Self::Lost => "lost",
-            Self::WrongRow => "wrong-row",
-            Self::EndedEarly => "ended-early",
-            Self::Stuck => "stuck",
-            Self::Time => "time",
-            Self::Stopped => "stopped",
-        }
-    }
-}
-
-/// What came out of a run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RunResult {
-    /// Hash over trajectory, outcome and metrics.
-    pub digest: [u8; 32],
-    /// How it ended.
-    pub outcome: Outcome,
-    /// Value by metric; undefined metrics are absent. All finite.
-    pub metrics: BTreeMap<&'static str, f64>,
-    /// Crop plants that were run over, by index in the field.
-    pub damaged: Vec<usize>,
-}
-
 /// Runs `scenario` with `seed` to its end.
-pub fn simulate(scenario: &Scenario, seed: Seed, probe: &mut impl Probe) -> RunResult {
+pub(super) fn simulate(scenario: &Scenario, seed: Seed, probe: &mut impl Probe) -> RunResult {
     let field = scenario.field.build(seed.0);
-    let RobotSpec::TwoWheeled(dimensions) = &scenario.robot;
+    let RobotSpec::TwoWheeled(dimensions) = &scenario.robot else { unreachable!("a scenario is checked") };
     let mut robot = TwoWheeled::new(dimensions.clone());
     let mut pilot = Pilot::new(scenario, &field, seed);
     let mut observer = Observer::new(&scenario.observer, &scenario.limits, &field, dimensions);
@@ -180,13 +53,6 @@ pub fn simulate(scenario: &Scenario, seed: Seed, probe: &mut impl Probe) -> RunR
     }
 }
 
-fn timed<T>(probe: &mut impl Probe, part: Part, work: impl FnOnce() -> T) -> T {
-    probe.begin(part);
-    let result = work();
-    probe.end(part);
-    result
-}
-
 /// Everything on board: sensors, perception and mission.
 enum Pilot {
     ByRows { mission: RowByRow, eyes: Vec<Eye> },
@@ -207,7 +73,7 @@ struct Eye {
 
 impl Pilot {
     fn new(scenario: &Scenario, field: &Field, seed: Seed) -> Self {
-        let SensorsSpec::TwoPlanarLidars(sensors) = &scenario.sensors;
+        let SensorsSpec::TwoPlanarLidars(sensors) = &scenario.sensors else { unreachable!("a scenario is checked") };
         let ControlSpec::Fuzzy(control) = &scenario.control else { unreachable!("a scenario is checked") };
         let fuzzy = Fuzzy::new(control.clone());
         match &scenario.mission {
@@ -230,6 +96,7 @@ impl Pilot {
                 let mission = HeadingHold::new(params.clone(), layout, fuzzy);
                 Self::ByHeading { mission, odometry, random: Stream::new(seed.0, "odometry") }
             }
+            MissionSpec::Lane(_) => unreachable!("a lane has a loop of its own"),
         }
     }
 
@@ -256,7 +123,7 @@ impl Pilot {
         }
     }
 
-    fn advance(&mut self, motion: crate::robot::two_wheeled::Motion) {
+    fn advance(&mut self, motion: Motion) {
         if let Self::ByHeading { odometry, random, .. } = self {
             odometry.advance(motion, random);
         }
@@ -383,6 +250,7 @@ mod tests {
         let mut watch = Watch::default();
         let result = simulate(&scenario(&[]), Seed(1), &mut watch);
         assert_eq!((result.outcome, watch.poses), (Outcome::Stopped, 20));
-        assert!(Part::ALL.iter().all(|part| watch.parts.contains(part)));
+        let of_lanes = [Part::LaneFinding, Part::LanePrediction, Part::LaneCorrection];
+        assert!(Part::ALL.iter().all(|part| watch.parts.contains(part) != of_lanes.contains(part)));
     }
 }

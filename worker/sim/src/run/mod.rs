@@ -1,0 +1,179 @@
+//! One run: the closed loop, in fixed steps, a pure function of scenario and seed.
+//!
+//! [`rows`] is the loop of a robot that drives from inter-row to inter-row, [`lane`] of one that follows a lane.
+
+mod lane;
+mod rows;
+
+use std::collections::BTreeMap;
+
+use crate::mission::MissionSpec;
+use crate::observer::Intervention;
+use crate::{Pose, Scenario};
+
+/// One step of the loop \[s\]: the period of the LiDARs, 40 Hz.
+pub const STEP_S: f64 = 0.025;
+/// Steps in a second.
+pub const STEPS_PER_S: u32 = 40;
+/// Steps per control cycle: 250 ms, the program behind the tables of Guyonneau et al. (2022).
+pub const STEPS_PER_CYCLE: u64 = 10;
+/// Steps per sample of the observer: 20 Hz.
+pub const STEPS_PER_SAMPLE: u64 = 2;
+
+/// The seed of a run's random streams.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Seed(pub u64);
+
+/// A part of the loop, for timing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Part {
+    /// Ray casting of all LiDARs.
+    Scan,
+    /// The line finder on a scan of the front LiDAR.
+    LineFindingFront,
+    /// The line finder on a scan of the back LiDAR.
+    LineFindingBack,
+    /// Merging, filter, state machine and controller; in a lane the controller alone.
+    Control,
+    /// The robot's motion.
+    Drive,
+    /// The observer.
+    Observe,
+    /// The lane finder on a scan.
+    LaneFinding,
+    /// The lane estimator on the robot's motion.
+    LanePrediction,
+    /// The lane estimator on what the finder saw.
+    LaneCorrection,
+}
+
+impl Part {
+    /// All parts, in the order of the loop.
+    pub const ALL: [Self; 9] = [
+        Self::Scan,
+        Self::LineFindingFront,
+        Self::LineFindingBack,
+        Self::Control,
+        Self::Drive,
+        Self::Observe,
+        Self::LaneFinding,
+        Self::LanePrediction,
+        Self::LaneCorrection,
+    ];
+
+    /// Its kebab-case name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Scan => "scan",
+            Self::LineFindingFront => "line-finding-front",
+            Self::LineFindingBack => "line-finding-back",
+            Self::Control => "control",
+            Self::Drive => "drive",
+            Self::Observe => "observe",
+            Self::LaneFinding => "lane-finding",
+            Self::LanePrediction => "lane-prediction",
+            Self::LaneCorrection => "lane-correction",
+        }
+    }
+}
+
+/// Watches a run: times parts, records, may ask to stop. It never feeds back.
+pub trait Probe {
+    /// A part begins.
+    fn begin(&mut self, _part: Part) {}
+    /// A part ends.
+    fn end(&mut self, _part: Part) {}
+    /// The true pose, every 0.05 s of simulated time.
+    fn pose(&mut self, _time_s: f64, _world_from_robot: Pose) {}
+    /// Asked every 0.25 s of simulated time; true ends the run with [`Outcome::Stopped`].
+    fn stop(&mut self) -> bool {
+        false
+    }
+}
+
+impl Probe for () {}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Outcome {
+    /// The end of the last inter-row was reached and no crop plant run over; the end of the lane, without help.
+    Success,
+    /// The end was reached, but crop plants were run over.
+    Crushed,
+    /// The robot did not know where it was any more.
+    Lost,
+    /// It was in another inter-row than it should have been.
+    WrongRow,
+    /// It said that it was done and was not.
+    EndedEarly,
+    /// The end of the lane was reached, but an operator had to help on the way.
+    Intervened,
+    /// It stayed where it was for too long.
+    Stuck,
+    /// The simulated time ran out.
+    Time,
+    /// The probe asked for it; there is no result.
+    Stopped,
+}
+
+impl Outcome {
+    /// All outcomes, the good one first.
+    pub const ALL: [Self; 9] = [
+        Self::Success,
+        Self::Crushed,
+        Self::Lost,
+        Self::WrongRow,
+        Self::EndedEarly,
+        Self::Intervened,
+        Self::Stuck,
+        Self::Time,
+        Self::Stopped,
+    ];
+
+    /// Its kebab-case name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Success => "success",
+            Self::Crushed => "crushed",
+            Self::Lost => "lost",
+            Self::WrongRow => "wrong-row",
+            Self::EndedEarly => "ended-early",
+            Self::Intervened => "intervened",
+            Self::Stuck => "stuck",
+            Self::Time => "time",
+            Self::Stopped => "stopped",
+        }
+    }
+}
+
+/// What came out of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunResult {
+    /// Hash over trajectory, outcome and metrics.
+    pub digest: [u8; 32],
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Value by metric; undefined metrics are absent. All finite.
+    pub metrics: BTreeMap<&'static str, f64>,
+    /// Crop plants that were run over, by index in the field.
+    pub damaged: Vec<usize>,
+    /// When an operator had to help, in order; in lanes.
+    pub interventions: Vec<Intervention>,
+}
+
+/// Runs `scenario` with `seed` to its end.
+pub fn simulate(scenario: &Scenario, seed: Seed, probe: &mut impl Probe) -> RunResult {
+    match &scenario.mission {
+        MissionSpec::RowByRow(_) | MissionSpec::HeadingHold(_) => rows::simulate(scenario, seed, probe),
+        MissionSpec::Lane(params) => lane::simulate(scenario, params, seed, probe),
+    }
+}
+
+fn timed<T>(probe: &mut impl Probe, part: Part, work: impl FnOnce() -> T) -> T {
+    probe.begin(part);
+    let result = work();
+    probe.end(part);
+    result
+}
