@@ -202,7 +202,8 @@ impl Writer {
         for (sweep, _) in &batch.submissions {
             answers.submissions.push(submit::submit(conn, sweep, engine_id, now_ms).await?);
         }
-        let terms = Terms { engine_id, now_ms, verify: self.to_verify(conn, batch).await? };
+        let (verify, workers) = (self.to_verify(conn, batch).await?, self.heard.lately(now_ms));
+        let terms = Terms { engine_id, now_ms, verify, workers };
         for (call, _) in &batch.claims {
             answers.claims.push(match known.check(call) {
                 Ok(worker) => Reply::Ok(claim::claim(conn, worker, &call.request, &call.body, terms).await?),
@@ -287,6 +288,7 @@ impl Writer {
             let heard_ms = if hold { Some(now_ms) } else { self.heard.since(absence) };
             if heard_ms.is_none() {
                 ended += expiry::fell_silent(conn, &absence.worker, &mut ending).await?;
+                self.heard.forget(&absence.worker);
             }
             answers.absences.push(Ok(heard_ms));
         }

@@ -76,6 +76,8 @@ pub(crate) struct Board<S> {
     /// Threads that take work until there is none.
     takers: usize,
     mean_s: Option<f64>,
+    /// Whether the last claim got less than it asked for: others need what is left, too.
+    scarce: bool,
     closed: bool,
     claims_ended: bool,
 }
@@ -93,18 +95,26 @@ impl<S> Board<S> {
             alone: false,
             takers: 0,
             mean_s: None,
+            scarce: false,
             closed: false,
             claims_ended: false,
         }
     }
 
-    /// How many jobs to claim now: one batch as soon as less than one waits, nothing otherwise. Nothing either while
-    /// too many runs wait for their acknowledgement, or any that the spool did not take.
+    /// How many jobs to claim now: one batch as soon as less than one waits, or less than one job a thread where they are
+    /// scarce; nothing otherwise. Nothing either while too many runs wait for their acknowledgement, or any that the spool
+    /// did not take.
     pub(crate) fn want(&self) -> u32 {
         let batch = self.batch();
-        let full = self.queue.len() >= batch || self.held.len() + batch > MAX_HELD + self.threads;
+        let ahead = if self.scarce { self.threads.min(batch) } else { batch };
+        let full = self.queue.len() >= ahead || self.held.len() + batch > MAX_HELD + self.threads;
         let at_risk = self.spool.as_ref().is_some_and(|spool| !spool.refused.is_empty());
         if self.closed || full || at_risk { 0 } else { u32::try_from(batch).unwrap_or(MAX_CLAIM) }
+    }
+
+    /// A claim of `asked` jobs got so many.
+    pub(crate) fn note_grant(&mut self, asked: u32, got: usize) {
+        self.scarce = got < asked as usize;
     }
 
     fn batch(&self) -> usize {
@@ -200,7 +210,7 @@ impl<S> Board<S> {
     }
 
     fn gathers(&self, ended: usize) -> bool {
-        !self.closed && self.running > 0 && ended > 0 && ended < MAX_CLAIM as usize
+        !self.closed && (self.running > 0 || !self.queue.is_empty()) && ended > 0 && ended < MAX_CLAIM as usize
     }
 
     /// What the spool is to keep now, and what to forget; nothing if it has nothing to do at the moment.

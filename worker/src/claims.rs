@@ -70,6 +70,7 @@ async fn claim_until_stopped<R: Runner>(
             Err(error) => return Err(error),
         };
         first = false;
+        shared.board().note_grant(want, leases.jobs.len());
         if leases.jobs.is_empty() {
             let retry = Duration::from_millis(leases.retry_after_ms).clamp(SHORTEST_RETRY, LONGEST_RETRY);
             pause(new_work(retry, changes.as_mut()), stop).await;

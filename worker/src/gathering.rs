@@ -9,7 +9,7 @@ use crate::board::Board;
 use crate::pool::Shared;
 
 /// So long after one lot of ended runs the next is taken, unless it is full before or no run goes on.
-const EVERY: Duration = Duration::from_millis(250);
+const EVERY: Duration = Duration::from_secs(1);
 
 /// When the last lot was taken.
 #[derive(Debug, Default)]
@@ -25,5 +25,25 @@ impl Gathering {
             while worth_it(&shared.board()) && timeout_at(due, bell.notified()).await.is_ok() {}
         }
         self.last = Some(Instant::now());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn the_first_lot_is_taken_at_once_and_the_next_after_a_while_or_when_there_is_nothing_to_wait_for() {
+        let (shared, bell) = (Shared::<()>::new(1, false), Notify::new());
+        let (mut gathering, began) = (Gathering::default(), Instant::now());
+        gathering.more(&shared, &bell, |_| true).await;
+        assert_eq!(began.elapsed(), Duration::ZERO);
+        gathering.more(&shared, &bell, |_| true).await;
+        assert!(began.elapsed() >= EVERY && began.elapsed() < 2 * EVERY, "{:?}", began.elapsed());
+        let second = Instant::now();
+        gathering.more(&shared, &bell, |_| false).await;
+        assert_eq!(second.elapsed(), Duration::ZERO);
+        gathering.more(&shared, &bell, |_| second.elapsed() < EVERY / 2).await;
+        assert!(second.elapsed() >= EVERY, "without a ring it does not look again");
     }
 }

@@ -40,6 +40,9 @@ const NETWORK_PATIENCE: Duration = Duration::from_secs(20);
 /// A coordinator that was found by scouting is waited for so long before another one is taken: by then nothing that it
 /// handed out is this worker's any more.
 const FAITHFUL_FOR: Duration = Duration::from_millis(LEASE_MS.unsigned_abs());
+/// A session that finds nobody for so long at the one place where it may look is opened anew. Zenoh's own may have connected
+/// again and still hear of nobody, after a time when the coordinator stood still.
+const PATIENT_FOR: Duration = Duration::from_secs(5);
 
 /// Where to look for a coordinator.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -64,6 +67,11 @@ impl Default for ConnectConfig {
 }
 
 impl ConnectConfig {
+    /// Whether the coordinator can be at one address only.
+    fn is_one_place(&self) -> bool {
+        self.endpoint.is_some() || (self.certificates.is_some() && self.known.len() < 2)
+    }
+
     /// How an enrolled worker with this key (PEM) reaches its coordinator.
     #[must_use]
     pub fn enrolled(enrolment: &Enrolment, key_pem: &str) -> Self {
@@ -117,6 +125,7 @@ pub struct ZenohLink {
     namespace: String,
     coordinator: String,
     faithful_for: Duration,
+    patient_for: Duration,
     /// Changes when the coordinator hints at new work.
     work: watch::Sender<u64>,
     state: Mutex<State>,
@@ -143,7 +152,8 @@ impl ZenohLink {
         let namespace = config.namespace.clone();
         let state = Mutex::new(State { config, session: found.session, away_since: None, life: None });
         let work = watch::Sender::new(0);
-        Ok(Self { namespace, coordinator: found.coordinator, faithful_for: FAITHFUL_FOR, work, state })
+        let coordinator = found.coordinator;
+        Ok(Self { namespace, coordinator, faithful_for: FAITHFUL_FOR, patient_for: PATIENT_FOR, work, state })
     }
 
     /// The coordinator's id.
@@ -208,14 +218,14 @@ impl ZenohLink {
         Ok(state.session.clone())
     }
 
-    /// Looks for the coordinator where it was, and elsewhere if that is how it was found.
+    /// Looks for the coordinator where it was, and elsewhere; if it can be in one place only, there anew after a while.
     async fn look(&self, state: &mut State, since: Instant) -> Result<(), LinkError> {
         let here = session::coordinators(&state.session, &self.namespace).await;
         if here.contains(&self.coordinator) {
             state.away_since = None;
         } else if let Some(other) = here.into_iter().next() {
             return Err(LinkError::OtherCoordinator(other));
-        } else if state.config.endpoint.is_none() {
+        } else if !state.config.is_one_place() || since.elapsed() >= self.patient_for {
             let mut others = discovery::elsewhere(&state.config).await;
             if let Some(own) = others.iter().position(|found| found.coordinator == self.coordinator) {
                 self.move_to(others.swap_remove(own), state).await;

@@ -91,7 +91,7 @@ impl Myself {
     }
 
     pub(super) async fn introduce(&self, link: &ZenohLink, engine: EngineId) -> Result<Welcome, Trouble> {
-        let call = self.call(Hello { name: "one by one".to_owned(), engine, threads: 1 });
+        let call = self.call(Hello { name: "benchmark".to_owned(), engine, threads: 1 });
         patiently(|| link.hello(call.clone())).await
     }
 

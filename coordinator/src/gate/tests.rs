@@ -181,6 +181,7 @@ async fn a_revoked_worker_loses_its_jobs_at_once_and_is_refused_everything() {
     assert_eq!(machine.may_work(&bench).await, Err(Refusal::Revoked));
     assert_eq!(gate.refresh(machine.call(Refresh {})).await, Reply::Refused(Refusal::Revoked));
     assert_eq!(machine.enrol(&gate, &secret).await.unwrap_err(), Refusal::Revoked, "nor does it come in again");
+    bench.clock.advance(4_000);
     let jobs = bench.worker().await.claim(2).await;
     assert!(jobs.len() == 2 && jobs.iter().all(|job| job.attempt == 2));
     let ended = bench.job(&jobs[0]).await.attempts.remove(0);

@@ -16,6 +16,13 @@ use crate::store::{scenario, to_json, unsigned, verification};
 /// A worker that found nothing asks again after this long \[ms\], unless it hears sooner that there may be something.
 const RETRY_AFTER_MS: u64 = 1_000;
 
+/// While others are there, a claim gets this part of what would be its even share, so that they end at about one time.
+const PART_OF_SHARE: u32 = 2;
+/// A claim has its price: it gets this part of what it asks for, however little is left.
+const LEAST_PART: u32 = 8;
+/// With more jobs than this in the queue nothing is shared out.
+const MUCH: u32 = 4_096;
+
 /// An earlier claim of the same request.
 const FIND: &str = "select id from claim where worker_id = ?1 and request = ?2";
 
@@ -34,6 +41,10 @@ const TAKE: &str = "update job
         order by priority desc, turn limit ?5 + 0)
     returning id, attempt, scenario_id, seed, record, alone, priority, turn";
 
+/// How many jobs there are to take, up to ?3.
+const COUNT: &str = "select count(*) from (
+    select 1 from job where state = 'queued' and held = 0 and engine_id = ?1 and not_before_ms <= ?2 limit ?3 + 0)";
+
 /// What a claim still holds.
 const HELD: &str = "select id, attempt, scenario_id, seed, record, alone, priority, turn
     from job where state = 'leased' and claim_id = ?1";
@@ -44,7 +55,7 @@ const ADVANCE: &str = "insert into virtual_time (priority, turn)
     on conflict (priority) do update set turn = max(turn, excluded.turn)";
 
 #[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[FIND, ADD, TAKE, HELD, ADVANCE];
+pub(super) const STATEMENTS: &[&str] = &[FIND, ADD, TAKE, COUNT, HELD, ADVANCE];
 
 /// A job that is handed out: id, attempt, scenario, seed, record, alone, priority, turn.
 #[derive(sqlx::FromRow)]
@@ -57,9 +68,11 @@ pub(crate) struct Terms {
     pub(crate) now_ms: i64,
     /// Whether verifications may wait, and whose they are.
     pub(crate) verify: Option<Verify>,
+    /// How many workers there are.
+    pub(crate) workers: u32,
 }
 
-/// Whether a claim of `worker` was granted before.
+/// Whether this claim of `worker` came before.
 pub(crate) async fn is_repeated(
     conn: &mut SqliteConnection,
     worker: i64,
@@ -100,7 +113,7 @@ async fn grant(
     claim: &Claim,
     terms: Terms,
 ) -> Result<Vec<Row>, StoreError> {
-    let Terms { engine_id, now_ms, verify } = terms;
+    let Terms { engine_id, now_ms, verify, .. } = terms;
     let want = claim.want;
     let verified = match verify {
         Some(verify) => verification::candidates(conn, worker, want, &verify, engine_id, now_ms).await?,
@@ -112,9 +125,23 @@ async fn grant(
     let mut rows = verification::lease(conn, id, &verified, now_ms).await?;
     let more = want.saturating_sub(u32::try_from(rows.len()).unwrap_or(want));
     if more > 0 {
-        rows.extend(take(conn, id, more, engine_id, now_ms).await?);
+        let fair = fair_part(conn, more, terms).await?;
+        rows.extend(take(conn, id, fair, engine_id, now_ms).await?);
     }
     Ok(rows)
+}
+
+/// How many of the `want` jobs leave enough for the other workers.
+async fn fair_part(conn: &mut SqliteConnection, want: u32, terms: Terms) -> Result<u32, StoreError> {
+    if terms.workers < 2 || want < 2 {
+        return Ok(want);
+    }
+    let parts = PART_OF_SHARE.saturating_mul(terms.workers);
+    let enough = want.saturating_mul(parts).min(MUCH);
+    let count = sqlx::query_scalar(COUNT).bind(terms.engine_id).bind(terms.now_ms).bind(enough);
+    let left: u32 = count.fetch_one(conn).await?;
+    let least = want.div_ceil(LEAST_PART);
+    Ok(if left >= enough { want } else { left.div_ceil(parts).clamp(least, want) })
 }
 
 async fn take(
@@ -247,6 +274,35 @@ mod tests {
         bench.submit(sweep(&["late"], 100)).await;
         let late = worker.claim(40).await.into_iter().filter(|job| job.scenario.0 == 2).count();
         assert!((19..=21).contains(&late), "{late} of 40");
+    }
+
+    #[tokio::test]
+    async fn the_last_jobs_are_shared_out_in_ever_smaller_parts() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 100)).await;
+        let (a, b) = (bench.worker().await, bench.worker().await);
+        let mut granted = Vec::new();
+        for worker in [&a, &b, &a, &b, &a, &b] {
+            granted.push(worker.claim(16).await.len());
+        }
+        assert_eq!(granted, [16, 16, 16, 13, 10, 8]);
+        while granted.iter().sum::<usize>() < 100 {
+            granted.push(a.claim(16).await.len());
+        }
+        assert!(
+            granted.is_sorted_by(|one, next| one >= next) && granted[10..].iter().all(|part| *part <= 3),
+            "{granted:?}"
+        );
+    }
+
+    #[tokio::test]
+    async fn a_worker_that_is_alone_gets_what_it_asks_for() {
+        let bench = Bench::new().await;
+        bench.submit(sweep(&["rgop"], 20)).await;
+        let (gone, worker) = (bench.worker().await, bench.worker().await);
+        assert_eq!(gone.claim(8).await.len(), 5);
+        bench.clock.advance(4_000);
+        assert_eq!(worker.claim(16).await.len(), 15);
     }
 
     #[tokio::test]

@@ -294,9 +294,10 @@ mod tests {
     async fn a_worker_that_fell_silent_loses_its_jobs_at_once() {
         let bench = Bench::new().await;
         bench.submit(sweep(&["rgop"], 3)).await;
-        let (dead, other) = (bench.worker().await, bench.worker().await);
+        let dead = bench.worker().await;
         let jobs = dead.claim(3).await;
         dead.renew(&jobs[..2], true).await;
+        let other = bench.worker().await;
         let gone_ms = bench.coordinator.now_ms();
         bench.clock.advance(2_000);
 

@@ -72,8 +72,9 @@ mod tests {
     async fn a_renewed_lease_outlives_the_first_one() {
         let bench = Bench::new().await;
         bench.submit(sweep(&["rgop"], 2)).await;
-        let (worker, other) = (bench.worker().await, bench.worker().await);
+        let worker = bench.worker().await;
         let jobs = worker.claim(2).await;
+        let other = bench.worker().await;
         for _ in 0..4 {
             bench.pass(LEASE_MS / 2).await;
             assert_eq!(worker.renew(&jobs, true).await, Renewed::default());

@@ -1,6 +1,7 @@
 //! When each worker was last heard of, to the millisecond and in memory only.
 //!
-//! The database keeps it to within some seconds. This is for telling whether a worker that seems to be gone is.
+//! The database keeps it to within some seconds. This is for telling whether a worker that seems to be gone is, and how
+//! many there are to share what is left.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
@@ -8,6 +9,9 @@ use std::sync::{Mutex, PoisonError};
 use furrow_schema::id::WorkerId;
 
 use crate::batch::Absence;
+
+/// Workers renew every second; one that was not heard of for so long \[ms\] does not count.
+const LATELY_MS: i64 = 3_000;
 
 #[derive(Debug, Default)]
 pub(super) struct Heard(Mutex<HashMap<WorkerId, i64>>);
@@ -22,6 +26,18 @@ impl Heard {
                 None => _ = heard.insert(worker.clone(), now_ms),
             }
         }
+    }
+
+    /// This worker is gone.
+    pub(super) fn forget(&self, worker: &WorkerId) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(worker);
+    }
+
+    /// How many workers were heard of lately.
+    pub(super) fn lately(&self, now_ms: i64) -> u32 {
+        let heard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let lately = heard.values().filter(|last_ms| now_ms - **last_ms <= LATELY_MS).count();
+        u32::try_from(lately).unwrap_or(u32::MAX)
     }
 
     /// When the worker was heard of after it is said to have gone, if it was.

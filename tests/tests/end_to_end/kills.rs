@@ -10,8 +10,7 @@ use crate::process::{self, Running};
 use crate::server::Server;
 use crate::survival::number;
 
-/// So many kills unless FURROW_KILLS says otherwise: every second one is the coordinator's. A worker that is started again
-/// at once is the same worker, so what its last life held is found by the lease only, which takes 30 s.
+/// So many kills unless FURROW_KILLS says otherwise: every second one is the coordinator's.
 const KILLS: u64 = 4;
 const WORKERS: usize = 3;
 /// A job may lose as many workers as there are kills, and every run counts: none is done twice to verify it.

@@ -28,6 +28,8 @@ struct Held {
     worker: WorkerId,
     /// When it was handed out or renewed last.
     heard_ms: i64,
+    /// Whether its worker said that it runs.
+    runs: bool,
     told: Option<Told>,
     /// Whether a user may have cancelled it.
     cancelled: bool,
@@ -117,7 +119,7 @@ impl Ledger {
             broken.push(format!("{lease:?} is handed out while attempt {before} is alive"));
         }
         let worker = call.worker.clone();
-        let held = Held { worker, heard_ms: now_ms, told: None, cancelled: false, left: false };
+        let held = Held { worker, heard_ms: now_ms, runs: false, told: None, cancelled: false, left: false };
         self.held.insert(lease, held);
         broken
     }
@@ -135,7 +137,7 @@ impl Ledger {
             if stale || self.on_record.contains_key(&held.job) {
                 broken.push(format!("the stale attempt {} of job {} was renewed", held.attempt, held.job));
             } else if let Some(known) = self.held.get_mut(&(held.job, held.attempt)) {
-                known.heard_ms = now_ms;
+                (known.heard_ms, known.runs) = (now_ms, held.running);
                 if known.worker != call.worker || known.told.is_some() {
                     broken.push(format!("attempt {} of job {} was renewed after its end", held.attempt, held.job));
                 }
@@ -256,6 +258,11 @@ impl Ledger {
         let in_grace = self.grace.iter().any(|(after_ms, before_ms)| (after_ms + 1..*before_ms).contains(&ended_ms));
         let is_old = |held: &Held| ended_ms - held.heard_ms >= LEASE_MS - GRAIN_MS;
         self.held.get(&lease).is_some_and(|held| held.left || (is_old(held) && !in_grace))
+    }
+
+    /// Whether its worker said last that it runs.
+    pub(super) fn is_said_to_run(&self, lease: Lease) -> bool {
+        self.held.get(&lease).is_some_and(|held| held.runs)
     }
 }
 

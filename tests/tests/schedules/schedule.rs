@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use furrow_coordinator::moments::Moments;
 use furrow_coordinator::{AttemptEnd, CellSummary, Coordinator, JobDetail, JobFilter, JobItem, JobRef};
-use furrow_schema::id::{JobId, SweepId};
+use furrow_schema::id::{JobId, SweepId, WorkerId};
 use furrow_schema::job::JobState;
 use furrow_schema::sweep::{Sweep, SweepState};
 use tokio::time::sleep;
@@ -164,6 +164,7 @@ impl Schedule {
         for lost in kept.iter().filter(|id| !jobs.contains_key(id)) {
             self.world.fail(format_args!("job {lost} is lost with its acknowledged result"));
         }
+        let mut details = Vec::new();
         for job in jobs.values() {
             let acknowledged = self.world.ledger().on_record().get(&job.id).copied();
             if acknowledged.is_some() && acknowledged != job.digest {
@@ -173,9 +174,11 @@ impl Schedule {
             if job.state != JobState::Done || job.attempts > 1 {
                 let id = JobRef::Id(job.id);
                 let detail = self.users.ask(move |life| async move { life.job(id).await }).await;
-                self.check_job(&detail.expect("a listed job is there"));
+                details.push(detail.expect("a listed job is there"));
             }
         }
+        details.iter().for_each(|job| self.check_job(job));
+        self.check_deaths(&details).await;
         let incidents = self.users.ask(|life| async move { life.incidents(1).await }).await;
         if !incidents.is_empty() {
             self.world.fail(format_args!("a job has two results: {incidents:?}"));
@@ -197,6 +200,28 @@ impl Schedule {
             let ran_out = self.world.ledger().may_have_run_out(lease, ended_ms);
             if matches!(attempt.end, AttemptEnd::Died | AttemptEnd::Expired) && !ran_out {
                 fail("a lease ran out too soon");
+            }
+        }
+    }
+
+    /// A death is charged to what the worker said to run, and else to no more jobs than it had threads: the others only
+    /// waited.
+    async fn check_deaths(&self, details: &[JobDetail]) {
+        let mut unsaid = BTreeMap::<(WorkerId, Option<i64>), u32>::new();
+        for job in details {
+            for attempt in job.attempts.iter().filter(|attempt| attempt.end == AttemptEnd::Died) {
+                if !self.world.ledger().is_said_to_run((job.id, attempt.attempt)) {
+                    *unsaid.entry((attempt.worker.clone(), attempt.ended_ms)).or_default() += 1;
+                }
+            }
+        }
+        let workers = self.users.ask(|life| async move { life.workers().await }).await;
+        let threads: BTreeMap<_, _> = workers.into_iter().map(|worker| (worker.id, worker.threads)).collect();
+        for ((worker, ended_ms), charged) in unsaid {
+            if threads.get(&worker).is_none_or(|threads| charged > *threads) {
+                self.world.fail(format_args!(
+                    "{charged} jobs that did not run are charged with {worker}'s death at {ended_ms:?}"
+                ));
             }
         }
     }

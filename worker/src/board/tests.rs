@@ -56,6 +56,20 @@ fn a_batch_is_two_seconds_of_work_within_its_limits() {
 }
 
 #[test]
+fn where_jobs_are_scarce_more_is_claimed_only_when_a_thread_has_none_to_go_on_with() {
+    let mut board = board_with(2, (1..=4).map(lease));
+    run_one(&mut board, Duration::from_millis(100));
+    assert_eq!(board.want(), 40);
+    board.note_grant(40, 3);
+    assert_eq!(board.want(), 0);
+    (0..2).for_each(|_| run_one(&mut board, Duration::from_millis(100)));
+    assert_eq!(board.want(), 40);
+    board.add(lease(5), scenario());
+    board.note_grant(40, 40);
+    assert_eq!(board.want(), 40);
+}
+
+#[test]
 fn no_more_is_claimed_while_too_many_results_wait_for_their_acknowledgement() {
     let mut board = board_with(1, []);
     let mut unacknowledged = Vec::new();
@@ -251,4 +265,37 @@ fn what_is_handed_back_does_not_pass_through_the_spool() {
     assert_eq!(reported[0].ended, RunEnd::HandedBack);
     board.forget(&reported);
     assert!(board.take_for_spool().is_none());
+}
+
+#[test]
+fn ended_runs_wait_for_others_only_while_one_goes_on_and_they_do_not_fill_a_report() {
+    let most = i64::from(MAX_CLAIM);
+    let mut board = board_with(1, [lease(1), lease(2)]);
+    assert!(!board.gathers_for_report(), "nothing ended");
+    run_one(&mut board, Duration::ZERO);
+    assert!(board.gathers_for_report() && !board.gathers_for_spool(), "the next one is about to begin");
+    let goes_on = board.take().unwrap();
+    assert!(board.gathers_for_report(), "the next one goes on");
+    board.finish(&goes_on.lease, done(), Duration::ZERO);
+    assert!(!board.gathers_for_report(), "nothing goes on");
+    board.add(lease(3), scenario());
+    board.close();
+    assert!(!board.gathers_for_report(), "the worker is leaving");
+
+    let mut full = board_with(2, (1..=most + 1).map(lease));
+    (0..most).for_each(|_| run_one(&mut full, Duration::ZERO));
+    full.take().unwrap();
+    assert!(!full.gathers_for_report(), "a report is full");
+}
+
+#[test]
+fn ended_runs_that_pass_through_the_spool_gather_there() {
+    let mut board = Board::new(1, true);
+    (1..=2).for_each(|job| board.add(lease(job), scenario()));
+    run_one(&mut board, Duration::ZERO);
+    board.take().unwrap();
+    assert!(board.gathers_for_spool() && !board.gathers_for_report());
+    let (runs, _) = board.take_for_spool().unwrap();
+    board.spooled(runs, 1);
+    assert!(!board.gathers_for_spool() && !board.gathers_for_report(), "what was spooled is reported at once");
 }

@@ -29,14 +29,21 @@ pub(super) struct Found {
 pub(super) async fn find(config: &ConnectConfig) -> Result<Found, ConnectError> {
     check_namespace(&config.namespace)?;
     let search = async {
-        match &config.endpoint {
-            Some(endpoint) => at(std::slice::from_ref(endpoint), config).await,
-            None if config.certificates.is_some() => at(&config.known, config).await,
+        match places(config) {
+            Some(endpoints) => at(endpoints, config).await,
             None => by_scouting(config).await,
         }
     };
     let Some(patience) = config.patience else { return search.await };
     timeout(patience, search).await.unwrap_or_else(|_| Err(nobody(config, patience)))
+}
+
+/// Where the coordinator may be; none if it has to be scouted for.
+fn places(config: &ConnectConfig) -> Option<&[String]> {
+    match &config.endpoint {
+        Some(endpoint) => Some(std::slice::from_ref(endpoint)),
+        None => config.certificates.is_some().then_some(&config.known),
+    }
 }
 
 fn check_namespace(namespace: &str) -> Result<(), ConnectError> {
@@ -122,14 +129,10 @@ async fn by_scouting(config: &ConnectConfig) -> Result<Found, ConnectError> {
     }
 }
 
-/// Looks once, for a short time, where coordinators of the namespace may be now.
+/// Looks once, for a short time and with a new session, where coordinators of the namespace may be now.
 pub(super) async fn elsewhere(config: &ConnectConfig) -> Vec<Found> {
-    if config.certificates.is_some() {
-        // The session itself goes on trying the address that it had.
-        if config.known.len() < 2 {
-            return Vec::new();
-        }
-        return timeout(ROUND, at(&config.known, config)).await.ok().and_then(Result::ok).into_iter().collect();
+    if let Some(endpoints) = places(config) {
+        return timeout(ROUND, at(endpoints, config)).await.ok().and_then(Result::ok).into_iter().collect();
     }
     match timeout(ROUND, scout()).await {
         Ok(Ok(answers)) => coordinators_among(answers, &config.namespace).await,

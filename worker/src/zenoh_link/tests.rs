@@ -3,6 +3,9 @@
 use furrow_schema::id::{Credential, EngineId, RequestId};
 use furrow_schema::protocol::{KEY_PREFIX, Refusal, coordinator_key, work_key};
 use serde_json::json;
+use tokio::io::copy_bidirectional;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::{AbortHandle, JoinSet};
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::{Query, Queryable};
@@ -176,6 +179,40 @@ async fn a_coordinator_that_went_away_is_reached_again_at_its_endpoint() {
     assert!(matches!(link.claim(claim()).await, Err(LinkError::NoAnswer(_))));
     let _again = Coordinator::serve(&namespace, "c1", &endpoint).await;
     assert!(answer_in_the_end(&link).await.is_ok());
+}
+
+/// Leads its first visitor to one place and all later ones to others, a place each; the last goes on for ever.
+async fn lead(mut places: Vec<String>) -> (String, AbortHandle) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let endpoint = format!("tcp/{}", listener.local_addr().unwrap());
+    let led = async move {
+        let mut rides = JoinSet::new();
+        while let Ok((mut visitor, _)) = listener.accept().await {
+            let place = if places.len() > 1 { places.remove(0) } else { places[0].clone() };
+            rides.spawn(async move {
+                let mut there = TcpStream::connect(place.trim_start_matches("tcp/")).await.unwrap();
+                copy_bidirectional(&mut visitor, &mut there).await
+            });
+        }
+    };
+    (endpoint, tokio::spawn(led).abort_handle())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_that_connects_again_but_hears_of_nobody_is_opened_anew() {
+    let namespace = own_namespace();
+    let first = Coordinator::serve(&namespace, "c1", &own_endpoint()).await;
+    let deaf = Coordinator::serve(&own_namespace(), "deaf", &own_endpoint()).await;
+    let again_at = own_endpoint();
+    let (endpoint, door) = lead(vec![first.endpoint.clone(), deaf.endpoint.clone(), again_at.clone()]).await;
+    let config = ConnectConfig { endpoint: Some(endpoint), ..first.config() };
+    let mut link = ZenohLink::connect(config).await.unwrap();
+    link.patient_for = Duration::ZERO;
+    let _again = Coordinator::serve(&namespace, "c1", &again_at).await;
+    first.session.close().await.unwrap();
+    assert!(matches!(link.claim(claim()).await, Err(LinkError::NoAnswer(_))));
+    assert!(answer_in_the_end(&link).await.is_ok());
+    door.abort();
 }
 
 #[tokio::test(flavor = "multi_thread")]

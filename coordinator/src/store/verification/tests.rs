@@ -209,8 +209,9 @@ async fn a_second_result_that_came_unasked_is_voted_on_too() {
 async fn a_barred_worker_loses_its_jobs_free_of_charge_and_its_other_results_are_verified() {
     let bench = Bench::verifying(1e-12).await;
     bench.submit(sweep(&["rgop"], 4)).await;
-    let (liar, honest, third) = (bench.worker().await, bench.worker().await, bench.worker().await);
+    let liar = bench.worker().await;
     let jobs = liar.claim(4).await;
+    let (honest, third) = (bench.worker().await, bench.worker().await);
     liar.renew(&jobs, true).await;
     liar.ended(&jobs[0], done(1.0)).await;
     liar.ended(&jobs[1], done(7.0)).await;
@@ -220,6 +221,7 @@ async fn a_barred_worker_loses_its_jobs_free_of_charge_and_its_other_results_are
         worker.ended(&vote, done(2.0)).await;
     }
 
+    bench.clock.advance(4_000);
     let left: Vec<_> = honest.claim(9).await;
     let numbers: Vec<_> = left.iter().map(|job| (job.job.0, job.attempt)).collect();
     assert_eq!(numbers, [(2, 2), (3, 2), (4, 2)], "a result to verify, and the two jobs that it held");
