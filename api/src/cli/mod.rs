@@ -13,6 +13,7 @@ mod output;
 mod plans;
 mod progress;
 mod run;
+mod scans;
 mod selection;
 mod serve;
 mod status;
@@ -54,6 +55,7 @@ enum Command {
     Join(join::JoinArgs),
     Workers(workers::WorkersArgs),
     Plans(plans::PlansArgs),
+    Scans(scans::ScansArgs),
     Submit(submit::SubmitArgs),
     Status(status::StatusArgs),
     Watch(watch::WatchArgs),
@@ -84,6 +86,7 @@ impl Command {
             Self::Join(args) => join::run(args).await,
             Self::Workers(args) => workers::run(args).await,
             Self::Plans(args) => plans::run(&args),
+            Self::Scans(args) => scans::run(&args),
             Self::Submit(args) => submit::run(args).await,
             Self::Status(args) => status::run(args).await,
             Self::Watch(args) => watch::run(args).await,
@@ -175,6 +178,8 @@ mod tests {
             "furrow workers expire 0123456789abcdef0123456789abcdef --never",
             "furrow workers allow 0123456789abcdef0123456789abcdef --json",
             "furrow plans guyonneau2022/bounds --json",
+            "furrow scans lane.csv.gz --perception pl --set mission.lane_width_m=0.6 --prior-noise 5 --seed 2 --json",
+            "furrow scans lane.csv --perception particle-filter --sequence 0.1",
             "furrow submit guyonneau2022/bounds --url http://127.0.0.1:1 --name night --priority -3 --json",
             "furrow status",
             "furrow status 3 --url http://127.0.0.1:1 --json",
@@ -213,6 +218,9 @@ mod tests {
             "furrow serve",
             "furrow grow",
             "furrow table",
+            "furrow scans x",
+            "furrow scans x --perception pl --prior-noise 5 --sequence 1",
+            "furrow scans x --perception pl --prior-noise -1",
         ] {
             let error = parse(line).expect_err(line);
             assert!(error.use_stderr(), "{line}");

@@ -62,7 +62,7 @@ fn only(given: &[String]) -> Result<BTreeMap<String, Vec<String>>, CliError> {
 }
 
 /// A value by path; a path may be given only once.
-fn pairs<T>(flag: &str, given: &[String], read: fn(&str) -> T) -> Result<BTreeMap<String, T>, CliError> {
+pub(super) fn pairs<T>(flag: &str, given: &[String], read: fn(&str) -> T) -> Result<BTreeMap<String, T>, CliError> {
     let mut map = BTreeMap::new();
     for text in given {
         let (path, value) = pair(flag, text)?;
@@ -82,7 +82,7 @@ fn pair<'a>(flag: &str, text: &'a str) -> Result<(String, &'a str), CliError> {
 }
 
 /// A JSON literal, or else the text itself.
-fn literal(text: &str) -> Value {
+pub(super) fn literal(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|_| Value::String(text.to_owned()))
 }
 

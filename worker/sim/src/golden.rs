@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use crate::scenario::tests::base;
+use crate::scenario::tests::{base, lane};
 use crate::{Scenario, Seed, simulate};
 
 const FILE: &str = "golden/digests.json";
@@ -36,6 +36,34 @@ fn runs() -> BTreeMap<String, Scenario> {
             scenario["limits"]["max_time_s"] = json!(if name == "oracle" { 170.0 } else { 12.0 });
             runs.insert(format!("{name}-crop-{crop}"), Scenario::from_value(scenario).unwrap());
         }
+    }
+    runs.extend(lane_runs());
+    runs
+}
+
+/// Short runs along lanes.
+fn lane_runs() -> BTreeMap<String, Scenario> {
+    let (filter, view) = (json!({"kind": "ekf"}), json!({"kind": "view"}));
+    let lgg = json!({"kind": "lane-pd"});
+    let offset = json!({"kind": "lane-pd", "guide": "offset", "kp": 0.35, "kd": 0.75});
+    let (pl, oracle) = (json!({"kind": "pl"}), json!({"kind": "oracle"}));
+    let mut runs = BTreeMap::new();
+    for (name, field, rate_hz, parts) in [
+        ("pl-ekf-lgg", "lane-b", 40, [&pl, &filter, &lgg]),
+        ("pl-ekf-lgg-at-5-hz", "lane-e", 5, [&pl, &filter, &lgg]),
+        ("pl-ekf-gains", "lane-g", 40, [&pl, &filter, &offset]),
+        ("pl-lgg", "lane-c", 40, [&pl, &view, &lgg]),
+        ("pl-lgg", "es-1", 40, [&pl, &view, &lgg]),
+        ("oracle-lgg", "production", 10, [&oracle, &view, &lgg]),
+    ] {
+        let mut scenario = lane();
+        scenario["field"] = json!({"kind": "velasquez2022", "lane": field, "seed": "job"});
+        scenario["sensors"]["rate_hz"] = json!(rate_hz);
+        for (part, value) in ["perception", "localization", "control"].into_iter().zip(parts) {
+            scenario[part] = value.clone();
+        }
+        scenario["limits"]["max_time_s"] = json!(30.0);
+        runs.insert(format!("{name}-{field}"), Scenario::from_value(scenario).unwrap());
     }
     runs
 }

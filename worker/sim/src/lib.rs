@@ -25,6 +25,8 @@ mod bench_scans;
 #[cfg(test)]
 mod golden;
 #[cfg(test)]
+mod lane_view;
+#[cfg(test)]
 mod table5;
 
 pub use pose::Pose;

@@ -6,8 +6,10 @@
 //! pairs, separated by spaces.
 
 mod evaluation;
+mod subject;
 
-pub use evaluation::{Errors, Evaluation, Feed, Subject};
+pub use evaluation::{Errors, Evaluation, Feed};
+pub use subject::Subject;
 
 use crate::perception::{LaneEstimate, Points};
 
@@ -47,7 +49,7 @@ pub fn read(text: &str) -> Result<Vec<LabelledScan>, LabelledScanError> {
 fn scan(text: &str) -> Result<LabelledScan, String> {
     let fields: Vec<&str> = text.trim_end().split(';').collect();
     let [frame, label, points] = fields[..] else {
-        return Err(format!("has {} fields where three are needed, `frame;label;points`", fields.len()));
+        return Err(format!("needs three fields, `frame;label;points`, not {}", fields.len()));
     };
     Ok(LabelledScan {
         frame: frame.trim().parse().map_err(|_| format!("frame: `{}` is not a whole number", frame.trim()))?,
@@ -83,7 +85,7 @@ fn robot_from_file(right_mm: f64, forward_mm: f64) -> (f64, f64) {
 fn lane(text: &str) -> Result<LaneEstimate, String> {
     let numbers: Vec<f64> = text.split(',').map(number_mm).collect::<Result<_, _>>()?;
     let [x0, y0, x1, y1, x2, y2, x3, y3] = numbers[..] else {
-        return Err(format!("has {} numbers where eight are needed", numbers.len()));
+        return Err(format!("needs eight numbers, not {}", numbers.len()));
     };
     let first = row(robot_from_file(x0, y0), robot_from_file(x1, y1))?;
     let second = row(robot_from_file(x2, y2), robot_from_file(x3, y3))?;
@@ -141,9 +143,9 @@ mod tests {
 
     #[test]
     fn a_bad_line_is_named_with_its_number() {
-        assert_eq!(refused("1;2"), "line 2: has 2 fields where three are needed, `frame;label;points`");
+        assert_eq!(refused("1;2"), "line 2: needs three fields, `frame;label;points`, not 2");
         assert_eq!(refused("x;;"), "line 2: frame: `x` is not a whole number");
-        assert_eq!(refused("1;1,2;"), "line 2: label: has 2 numbers where eight are needed");
+        assert_eq!(refused("1;1,2;"), "line 2: label: needs eight numbers, not 2");
         assert_eq!(refused("1;;3"), "line 2: points: `3` is no pair `x,y`");
         assert_eq!(refused("1;;3,nan"), "line 2: points: `nan` is no number of millimetres within a kilometre");
         assert!(refused("1;1,0,1,0,2,0,2,1;").contains("both points of a row are the same"));

@@ -20,6 +20,8 @@ crate::kinds! {
         View(NoParams) = "view",
         /// Its distances and heading by an extended Kalman filter: Velasquez et al. (2022), section 3.3.
         Ekf(lane::ekf::EkfParams) = "ekf",
+        /// Offset, heading and lane width by particles that are weighted by the points alone: a baseline.
+        ParticleFilter(lane::particle_filter::ParticleFilterParams) = "particle-filter",
     }
 }
 
@@ -32,6 +34,7 @@ impl LocalizationSpec {
             Self::RowFilter(_) => None,
             Self::View(_) => Some(Box::new(lane::LastView::new(start))),
             Self::Ekf(params) => Some(Box::new(lane::ekf::Ekf::new(params, start))),
+            Self::ParticleFilter(params) => Some(Box::new(lane::particle_filter::ParticleFilter::new(params, start))),
         }
     }
 }

@@ -21,6 +21,8 @@ pub struct TiltedLidar {
     params: OnePlanarLidarParams,
     planar: PlanarLidar,
     ribbons: Ribbons,
+    /// How much each beam rises per metre.
+    rise: Vec<f64>,
     /// Distance to the first stem on each beam \[m\].
     stems_m: Vec<f64>,
     /// Whether each beam's return is a stem.
@@ -34,6 +36,7 @@ impl TiltedLidar {
         let beams = Beams::new(params.beams as usize, params.field_of_view_rad);
         let range_m = [params.range_min_m, params.range_max_m];
         Self {
+            rise: vec![0.0; beams.len()],
             stems_m: vec![f64::INFINITY; beams.len()],
             from_stem: vec![false; beams.len()],
             planar: PlanarLidar::with_beams(beams, range_m, params.range_noise_m),
@@ -55,14 +58,17 @@ impl TiltedLidar {
         let reach_m = self.params.range_max_m + ALONG_MARGIN_M;
         let (from_m, to_m) = (along_m - reach_m, along_m + reach_m);
         self.planar.cast(lane.plants_within(&field.plants, from_m, to_m), world_from_lidar);
-        let plane = Plane { height_m: self.params.height_m, ahead: -ground.pitch_rad, left: ground.roll_rad };
         let (beams, first_m) = self.planar.beams_and_first();
+        for ((rise, cos), sin) in self.rise.iter_mut().zip(&beams.cos).zip(&beams.sin) {
+            *rise = ground.roll_rad * sin - ground.pitch_rad * cos;
+        }
+        let steepest = libm::hypot(ground.roll_rad, ground.pitch_rad);
+        let plane = Plane { height_m: self.params.height_m, rise: &self.rise, steepest };
         self.stems_m.copy_from_slice(first_m);
-        self.ribbons.cut(lane.foliage_within(from_m, to_m), world_from_lidar, plane, beams, first_m);
-        for ((first_m, cos), sin) in first_m.iter_mut().zip(&beams.cos).zip(&beams.sin) {
-            let rise = plane.rise(*cos, *sin);
+        self.ribbons.cut(lane.foliage_within(from_m, to_m), world_from_lidar, &plane, beams, first_m);
+        for (first_m, rise) in first_m.iter_mut().zip(&self.rise) {
             // Never met by a beam that rises.
-            let ground_m = if rise < 0.0 { plane.height_m / -rise } else { f64::INFINITY };
+            let ground_m = if *rise < 0.0 { self.params.height_m / -rise } else { f64::INFINITY };
             *first_m = first_m.min(ground_m);
         }
         for ((from_stem, stem_m), first_m) in self.from_stem.iter_mut().zip(&self.stems_m).zip(first_m.iter()) {

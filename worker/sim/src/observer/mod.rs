@@ -10,7 +10,7 @@ use crate::Pose;
 use crate::field::Field;
 use crate::robot::TwoWheeledParams;
 use crate::run::{Outcome, RunResult};
-pub use operator::{Cause, Intervention, Operator, OperatorParams};
+pub use operator::{Cause, Intervention, Operator, OperatorParams, SubCause};
 
 use damage::Damage;
 use furrow_navigation::mission::Step;

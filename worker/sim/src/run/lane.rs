@@ -164,3 +164,129 @@ impl Pilot {
         self.perception.restart(self.follower.restart());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::velasquez2022::LaneName;
+    use crate::observer::Cause;
+    use crate::scenario::tests::lane;
+    use crate::simulate as run;
+    use furrow_navigation::parameters::ParameterType;
+    use serde_json::{Value, json};
+
+    fn scenario(patches: &[(&str, &str, Value)]) -> Scenario {
+        let mut value = lane();
+        value["field"]["seed"] = json!("job");
+        for (part, key, patch) in patches {
+            if *key == "kind" {
+                value[*part] = json!({"kind": patch});
+            } else {
+                value[*part][*key] = patch.clone();
+            }
+        }
+        Scenario::from_value(value).unwrap()
+    }
+
+    /// Perfect perception; it needs no scans.
+    fn oracle(lane: &str) -> Vec<(&'static str, &'static str, Value)> {
+        vec![
+            ("field", "lane", json!(lane)),
+            ("perception", "kind", json!("oracle")),
+            ("localization", "kind", json!("view")),
+            ("sensors", "beams", json!(2)),
+        ]
+    }
+
+    #[test]
+    fn perfect_perception_drives_every_lane_to_its_end_alone() {
+        for lane in LaneName::WORDS {
+            for seed in 1..=5 {
+                let result = run(&scenario(&oracle(lane)), Seed(seed), &mut ());
+                assert_eq!(result.outcome, Outcome::Success, "{lane}, seed {seed}: {:?}", result.interventions);
+                assert_eq!(result.metrics["interventions"], 1.0);
+                assert!(result.metrics["cross_track_rms_m"] < 0.08, "{lane}: {:?}", result.metrics);
+            }
+        }
+    }
+
+    #[test]
+    fn the_same_scenario_and_seed_give_the_same_result_and_another_seed_another() {
+        let scenario = scenario(&[("limits", "max_time_s", json!(5.0))]);
+        let first = run(&scenario, Seed(1), &mut ());
+        assert_eq!(first, run(&scenario, Seed(1), &mut ()));
+        assert_ne!(first.digest, run(&scenario, Seed(2), &mut ()).digest);
+        assert_eq!((first.outcome, first.metrics["simulated_s"]), (Outcome::Time, 5.0));
+        assert!((first.metrics["distance_m"] - 3.4).abs() < 0.1);
+    }
+
+    #[test]
+    fn a_robot_that_cannot_steer_is_put_back_again_and_again_and_still_reaches_the_end() {
+        let patches = [&oracle("lane-h")[..], &[("control", "kp", json!(0.0)), ("control", "kd", json!(0.0))]].concat();
+        let result = run(&scenario(&patches), Seed(1), &mut ());
+        assert_eq!(result.outcome, Outcome::Intervened);
+        assert!(result.metrics["interventions_control"] >= 3.0, "{:?}", result.metrics);
+        let causes: f64 = ["end_of_lane", "bad_start", "gap", "perception", "control"]
+            .iter()
+            .map(|cause| result.metrics[format!("interventions_{cause}").as_str()])
+            .sum();
+        assert_eq!(causes, result.metrics["interventions"]);
+        assert!(result.interventions.windows(2).all(|pair| pair[1].along_m > pair[0].along_m + 0.4));
+        assert_eq!(result.interventions.last().unwrap().cause, Cause::EndOfLane);
+    }
+
+    #[test]
+    fn a_robot_that_does_not_move_is_moved_on() {
+        let patches = [
+            &oracle("lane-h")[..],
+            &[
+                ("robot", "lag_s", json!(10.0)),
+                ("limits", "max_time_s", json!(60.0)),
+                ("observer", "no_progress_m", json!(10.0)),
+                ("observer", "no_progress_s", json!(2.0)),
+            ],
+        ]
+        .concat();
+        let result = run(&scenario(&patches), Seed(1), &mut ());
+        assert!(result.interventions.len() > 10, "{}", result.interventions.len());
+    }
+
+    #[test]
+    fn a_probe_stops_a_run_and_sees_the_parts_of_a_lane() {
+        #[derive(Default)]
+        struct Watch(u32, Vec<Part>);
+        impl Probe for Watch {
+            fn begin(&mut self, part: Part) {
+                self.1.push(part);
+            }
+            fn pose(&mut self, _time_s: f64, _pose: Pose) {
+                self.0 += 1;
+            }
+            fn stop(&mut self) -> bool {
+                self.0 >= 20
+            }
+        }
+        let mut watch = Watch::default();
+        let result = run(&scenario(&[]), Seed(1), &mut watch);
+        assert_eq!((result.outcome, watch.0), (Outcome::Stopped, 21));
+        let of_rows = [Part::LineFindingFront, Part::LineFindingBack];
+        assert!(Part::ALL.iter().all(|part| watch.1.contains(part) != of_rows.contains(part)));
+    }
+
+    #[test]
+    fn slower_scans_mean_slower_control() {
+        #[derive(Default)]
+        struct Scans(u32);
+        impl Probe for Scans {
+            fn begin(&mut self, part: Part) {
+                self.0 += u32::from(part == Part::Control);
+            }
+        }
+        for (rate_hz, expected) in [(40, 400), (10, 100), (5, 50)] {
+            let mut scans = Scans::default();
+            let patches = [("sensors", "rate_hz", json!(rate_hz)), ("limits", "max_time_s", json!(10.0))];
+            run(&scenario(&patches), Seed(1), &mut scans);
+            assert_eq!(scans.0, expected);
+        }
+    }
+}

@@ -64,9 +64,7 @@ impl Ekf {
             for j in 0..3 {
                 let gain = row[j] / variance;
                 self.state[j] += gain * innovation;
-                for k in 0..3 {
-                    self.covariance[j][k] -= gain * row[k];
-                }
+                self.covariance[j].iter_mut().zip(row).for_each(|(entry, covariance)| *entry -= gain * covariance);
             }
         }
         self.state[2] = wrap(self.state[2]);

@@ -7,12 +7,14 @@
 //! A new lane finder is one new file, and here three lines: its module, its variant of [`LaneFinderSpec`] and its arm
 //! in [`LaneFinderSpec::build`].
 
+pub mod joint_fit;
 pub mod pl;
+pub(crate) mod thinned;
 
 #[cfg(test)]
 mod conformance;
 #[cfg(test)]
-mod simulated;
+pub(crate) mod simulated;
 
 use super::Points;
 use crate::random::Stream;
@@ -83,6 +85,12 @@ impl LaneEstimate {
     }
 }
 
+impl From<LaneView> for LaneEstimate {
+    fn from(view: LaneView) -> Self {
+        Self { left_m: view.left.distance_m, right_m: view.right.distance_m, heading_rad: view.heading_rad }
+    }
+}
+
 /// Finds the lane in the scans of one LiDAR; may carry something over from scan to scan.
 pub trait LaneFinder: Send {
     /// The lane in one scan.
@@ -99,6 +107,8 @@ crate::kinds! {
     pub enum LaneFinderSpec {
         /// Histogram and least squares per side: Velasquez et al. (2022), section 3.2.
         Pl(pl::PlParams) = "pl",
+        /// Two parallel rows at once, over all headings: a baseline that needs no prior.
+        JointFit(joint_fit::JointFitParams) = "joint-fit",
     }
 }
 
@@ -108,6 +118,7 @@ impl LaneFinderSpec {
     pub fn build(&self, lane_width_m: f64) -> Box<dyn LaneFinder> {
         match self {
             Self::Pl(params) => Box::new(pl::Pl::new(params.clone(), lane_width_m)),
+            Self::JointFit(params) => Box::new(joint_fit::JointFit::new(params.clone(), lane_width_m)),
         }
     }
 }

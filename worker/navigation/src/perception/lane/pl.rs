@@ -6,8 +6,11 @@
 //! Deviation: the jump of a slope is taken against the prior heading, which is the one the scan was turned by. The
 //! distance a new one may jump grows while a side stays invalid, so that a side that was wrong once can come back.
 
+mod wall;
+
 use super::{LaneEstimate, LaneFinder, LaneView, Points, Side};
 use crate::random::Stream;
+use wall::{Fit, Wall};
 
 crate::parameters! {
     /// Parameters of [`Pl`].
@@ -48,6 +51,8 @@ pub struct Pl {
     right: Wall,
     /// Scans in a row without a valid side.
     blind: u32,
+    /// The last valid heading \[rad\] where the prior is too far from it to be of use, because it was forgotten.
+    apart_rad: Option<f64>,
 }
 
 impl Pl {
@@ -57,7 +62,7 @@ impl Pl {
         let half_width_m = params.side_lanes * lane_width_m;
         let bins = (half_width_m / params.bin_m).ceil().clamp(1.0, 10_000.0) as usize;
         let wall = Wall::new(bins, 0.5 * lane_width_m);
-        Self { params, half_width_m, left: wall.clone(), right: wall, blind: 0 }
+        Self { params, half_width_m, left: wall.clone(), right: wall, blind: 0, apart_rad: None }
     }
 
     /// Steps 1 to 3: into the path frame, inside the rectangle in both frames, left and right apart.
@@ -80,10 +85,10 @@ impl Pl {
 impl LaneFinder for Pl {
     fn find(&mut self, points: &Points, prior: LaneEstimate, _random: &mut Stream) -> LaneView {
         let lost = self.blind >= self.params.forget_after;
-        let turned_rad = if lost { 0.0 } else { prior.heading_rad };
+        let turned_rad = if lost { 0.0 } else { self.apart_rad.unwrap_or(prior.heading_rad) };
         if lost {
-            self.left.missed = None;
-            self.right.missed = None;
+            self.left.forget();
+            self.right.forget();
         }
         self.sort_in(points, turned_rad);
         // Away from the robot means to the left on one side and to the right on the other.
@@ -91,9 +96,13 @@ impl LaneFinder for Pl {
         let right = self.right.find(&self.params, -turned_rad).map(|fit| Fit { heading_rad: -fit.heading_rad, ..fit });
         let better = left.into_iter().chain(right).min_by(|a, b| a.slope_variance.total_cmp(&b.slope_variance));
         self.blind = if better.is_some() { 0 } else { self.blind.saturating_add(1) };
+        if let Some(Fit { heading_rad, .. }) = better {
+            let apart = (heading_rad - prior.heading_rad).abs() > self.params.max_turn_rad;
+            self.apart_rad = apart.then_some(heading_rad);
+        }
         LaneView {
-            left: Side { distance_m: self.left.distance_m, valid: left.is_some() },
-            right: Side { distance_m: self.right.distance_m, valid: right.is_some() },
+            left: Side { distance_m: self.left.distance_m(), valid: left.is_some() },
+            right: Side { distance_m: self.right.distance_m(), valid: right.is_some() },
             heading_rad: better.map_or(prior.heading_rad, |fit| fit.heading_rad),
             heading_valid: better.is_some(),
         }
@@ -102,134 +111,7 @@ impl LaneFinder for Pl {
     fn restart(&mut self, start: LaneEstimate) {
         self.left.restart(start.left_m);
         self.right.restart(start.right_m);
-        self.blind = 0;
-    }
-}
-
-/// One side: its points in this scan, and what is carried over. Distances are positive away from the robot.
-#[derive(Debug, Clone)]
-struct Wall {
-    x_m: Vec<f64>,
-    away_m: Vec<f64>,
-    counts: Vec<u32>,
-    /// The last valid distance, or where the robot started.
-    distance_m: f64,
-    /// Scans since then; none without a valid distance to compare with.
-    missed: Option<u32>,
-}
-
-/// A valid wall.
-#[derive(Debug, Clone, Copy)]
-struct Fit {
-    /// The robot's heading, positive towards the wall \[rad\].
-    heading_rad: f64,
-    /// How well the points determine the slope.
-    slope_variance: f64,
-}
-
-impl Wall {
-    fn new(bins: usize, distance_m: f64) -> Self {
-        Self { x_m: Vec::new(), away_m: Vec::new(), counts: vec![0; bins], distance_m, missed: None }
-    }
-
-    fn restart(&mut self, distance_m: f64) {
-        self.distance_m = distance_m;
-        self.missed = None;
-    }
-
-    fn clear(&mut self) {
-        self.x_m.clear();
-        self.away_m.clear();
-        self.counts.fill(0);
-    }
-
-    fn add(&mut self, x_m: f64, away_m: f64, bin_m: f64) {
-        self.x_m.push(x_m);
-        self.away_m.push(away_m);
-        let bin = ((away_m / bin_m) as usize).min(self.counts.len() - 1);
-        self.counts[bin] += 1;
-    }
-
-    /// Steps 3 to 5: the wall of this scan if it is valid; takes its distance over. The scan was turned by `turned_rad`,
-    /// positive towards the wall.
-    fn find(&mut self, params: &PlParams, turned_rad: f64) -> Option<Fit> {
-        let (fit, distance_m) = self.fit(params, turned_rad).unzip();
-        let jump_m = self.missed.map(|missed| params.max_jump_m + f64::from(missed) * params.jump_growth_m);
-        let near = |distance_m: &f64| jump_m.is_none_or(|jump_m| (distance_m - self.distance_m).abs() <= jump_m);
-        if let Some(distance_m) = distance_m.filter(near) {
-            (self.distance_m, self.missed) = (distance_m, Some(0));
-            return fit;
-        }
-        self.missed = self.missed.map(|missed| missed.saturating_add(1));
-        None
-    }
-
-    /// Least squares through the points in the fullest bin (the nearest of several) and its two neighbours.
-    fn fit(&self, params: &PlParams, turned_rad: f64) -> Option<(Fit, f64)> {
-        let fullest = (0..self.counts.len()).rev().max_by_key(|bin| self.counts[*bin])?;
-        let (low_m, high_m) = ((fullest as f64 - 1.0) * params.bin_m, (fullest as f64 + 2.0) * params.bin_m);
-        let mut sums = Sums::default();
-        for (x, away) in self.x_m.iter().zip(&self.away_m) {
-            if *away >= low_m && *away < high_m {
-                sums.add(*x, *away);
-            }
-        }
-        sums.wall(params, turned_rad)
-    }
-}
-
-/// Sums for a least-squares line and its residuals.
-#[derive(Debug, Clone, Copy)]
-struct Sums {
-    n: f64,
-    x: f64,
-    y: f64,
-    xx: f64,
-    xy: f64,
-    yy: f64,
-    first_m: f64,
-    last_m: f64,
-}
-
-impl Default for Sums {
-    fn default() -> Self {
-        let (first_m, last_m) = (f64::INFINITY, f64::NEG_INFINITY);
-        Self { n: 0.0, x: 0.0, y: 0.0, xx: 0.0, xy: 0.0, yy: 0.0, first_m, last_m }
-    }
-}
-
-impl Sums {
-    fn add(&mut self, x: f64, y: f64) {
-        self.n += 1.0;
-        self.x += x;
-        self.y += y;
-        self.xx += x * x;
-        self.xy += x * y;
-        self.yy += y * y;
-        self.first_m = self.first_m.min(x);
-        self.last_m = self.last_m.max(x);
-    }
-
-    /// The wall and its distance \[m\], if its own points speak for it.
-    fn wall(&self, params: &PlParams, turned_rad: f64) -> Option<(Fit, f64)> {
-        if self.n < f64::from(params.min_points) || self.last_m - self.first_m < params.min_length_m {
-            return None;
-        }
-        let (mean_x, mean_y) = (self.x / self.n, self.y / self.n);
-        let spread = self.xx - self.x * mean_x;
-        if spread <= 1e-9 * self.n {
-            return None;
-        }
-        let slope = (self.xy - self.x * mean_y) / spread;
-        let variance = ((self.yy - self.y * mean_y - slope * slope * spread) / self.n).max(0.0);
-        let distance_m = (mean_y - slope * mean_x) / (1.0 + slope * slope).sqrt();
-        let turn_rad = libm::atan(slope);
-        let heading_rad = turned_rad - turn_rad;
-        let good = variance <= params.max_residual_m * params.max_residual_m
-            && turn_rad.abs() <= params.max_turn_rad
-            && heading_rad.abs() <= params.max_heading_rad
-            && distance_m > 0.0;
-        good.then_some((Fit { heading_rad, slope_variance: variance / spread }, distance_m))
+        (self.blind, self.apart_rad) = (0, None);
     }
 }
 
@@ -318,14 +200,16 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_that_fits_nothing_is_forgotten_after_a_while() {
+    fn a_heading_that_fits_nothing_is_forgotten_after_a_while_even_if_the_prior_stays() {
         let mut pl = pl();
-        let mut prior = place(0.0, 1.2);
         let points = Scene::new(place(0.0, 0.0), 0.0).scan(&mut Stream::new(1, "scan"));
-        for scan in 0..=PlParams::default().forget_after {
-            assert!(prior.heading_rad == 1.2);
-            prior.heading_rad = find(&mut pl, &points, prior).heading_rad;
+        let wrong = place(0.0, 1.2);
+        for _ in 0..PlParams::default().forget_after {
+            assert_eq!(find(&mut pl, &points, wrong).heading_rad, 1.2);
         }
-        assert!(prior.heading_rad.abs() < 0.03, "{prior:?}");
+        for _ in 0..3 {
+            let view = find(&mut pl, &points, wrong);
+            assert!(view.heading_valid && view.heading_rad.abs() < 0.03, "{view:?}");
+        }
     }
 }

@@ -20,9 +20,9 @@ const RADIUS_HALF_RANGE_M: f64 = 0.0025;
 /// Share of plants that did not come up. Ours.
 const FAILED_SHARE: f64 = 0.05;
 /// Length of the hanging part of a leaf, how high its lower edge hangs, and how far it reaches up from there \[m\]. Ours.
-const LEAF_LENGTH_M: [f64; 2] = [0.1, 0.4];
+const LEAF_LENGTH_M: [f64; 2] = [0.1, 0.6];
 const LEAF_LOW_M: [f64; 2] = [0.0, 0.5];
-const LEAF_EXTENT_M: [f64; 2] = [0.03, 0.15];
+const LEAF_EXTENT_M: [f64; 2] = [0.03, 0.25];
 /// Length of a fallen stalk, and the height of its upper edge \[m\]. Ours.
 const STALK_LENGTH_M: [f64; 2] = [0.8, 1.8];
 const STALK_HIGH_M: [f64; 2] = [0.02, 0.4];

@@ -70,8 +70,8 @@ furrow_navigation::parameters! {
 /// The robot begins so far along the lane \[m\]: all of it is inside. Ours.
 const START_ALONG_M: f64 = 0.3;
 /// How well the robot is put there: standard deviations across and of the heading \[m\], \[rad\]. Ours.
-const START_ACROSS_SD_M: f64 = 0.03;
-const START_HEADING_SD_RAD: f64 = 0.05;
+const START_ACROSS_SD_M: f64 = 0.02;
+const START_HEADING_SD_RAD: f64 = 0.035;
 /// Neither is farther off than so many standard deviations.
 const START_LIMIT: f64 = 2.0;
 /// Lane B: the first and last of the drawn gaps lie so far from the ends, the one of 2 m so far from the end \[m\]. Ours.

@@ -55,14 +55,14 @@ pub(super) enum Gaps {
 const STRAIGHT: Preset = Preset {
     length_m: 220.0,
     row_spacing_m: 0.785,
-    wander_m: 0.022,
+    wander_m: 0.025,
     scatter_m: 0.02,
     bare_share: [0.0, 0.0],
     bare_mean_m: 1.0,
     gaps: Gaps::None,
     gaps_everywhere: false,
     neighbours: [2, 2],
-    leaves_per_m: [1.0, 1.5],
+    leaves_per_m: [2.0, 8.0],
     stalks_per_m: [0.0, 0.0],
     weeds_per_m: [0.05, 0.05],
     tilt_rad: 0.02,
@@ -75,10 +75,10 @@ const STRAIGHT: Preset = Preset {
 const INTERNAL_BORDER: Preset = Preset {
     length_m: 125.0,
     row_spacing_m: 0.777,
-    wander_m: 0.025,
-    bare_share: [0.1, 0.35],
+    wander_m: 0.027,
+    bare_share: [0.15, 0.52],
     bare_mean_m: 1.2,
-    leaves_per_m: [2.5, 2.5],
+    leaves_per_m: [4.0, 5.0],
     stalks_per_m: [0.05, 0.1],
     weeds_per_m: [0.2, 0.2],
     ..STRAIGHT
@@ -88,11 +88,11 @@ const INTERNAL_BORDER: Preset = Preset {
 const EXTERNAL_BORDER: Preset = Preset {
     length_m: 125.0,
     row_spacing_m: 0.794,
-    wander_m: 0.03,
+    wander_m: 0.038,
     neighbours: [2, 0],
-    leaves_per_m: [1.5, 2.0],
+    leaves_per_m: [3.0, 14.0],
     stalks_per_m: [0.02, 0.02],
-    weeds_per_m: [0.5, 2.5],
+    weeds_per_m: [0.5, 12.0],
     tilt_rad: 0.03,
     ..STRAIGHT
 };
@@ -105,7 +105,9 @@ const TOPS_CUT: Preset =
 pub(super) const fn preset(lane: LaneName) -> Preset {
     match lane {
         LaneName::A => STRAIGHT,
-        LaneName::B => Preset { row_spacing_m: 0.731, wander_m: 0.033, gaps: Gaps::Drawn, ..STRAIGHT },
+        LaneName::B => {
+            Preset { row_spacing_m: 0.731, wander_m: 0.038, gaps: Gaps::Drawn, leaves_per_m: [9.0, 6.0], ..STRAIGHT }
+        }
         LaneName::C | LaneName::D => INTERNAL_BORDER,
         LaneName::E | LaneName::F => EXTERNAL_BORDER,
         LaneName::G => Preset { bumps_m: 30.0, ..TOPS_CUT },
@@ -113,10 +115,10 @@ pub(super) const fn preset(lane: LaneName) -> Preset {
         LaneName::Production => Preset {
             length_m: 300.0,
             row_spacing_m: 0.789,
-            wander_m: 0.04,
-            scatter_m: 0.03,
-            leaves_per_m: [4.0, 2.5],
-            stalks_per_m: [0.15, 0.1],
+            wander_m: 0.045,
+            scatter_m: 0.025,
+            leaves_per_m: [24.0, 4.0],
+            stalks_per_m: [0.4, 0.2],
             weeds_per_m: [0.3, 0.3],
             tilt_rad: 0.035,
             curve_radius_m: Some(8.0),
@@ -126,6 +128,7 @@ pub(super) const fn preset(lane: LaneName) -> Preset {
             length_m: 137.0,
             row_spacing_m: 0.75,
             gaps: Gaps::Regular { section_m: 5.0, gap_m: 1.0 },
+            leaves_per_m: [5.0, 5.0],
             gaps_everywhere: true,
             ..STRAIGHT
         },
@@ -133,6 +136,7 @@ pub(super) const fn preset(lane: LaneName) -> Preset {
             length_m: 397.0,
             row_spacing_m: 0.8,
             gaps: Gaps::Regular { section_m: 4.8, gap_m: 0.5 },
+            leaves_per_m: [5.0, 5.0],
             gaps_everywhere: true,
             ..STRAIGHT
         },

@@ -11,13 +11,15 @@ const TILT_LENGTH_M: f64 = 0.5;
 const YAW_SD: f64 = 0.02;
 const SLIP_SD: f64 = 0.02;
 /// From one bump to the next \[m\], and how long a bump is, in pieces of ground. Ours.
-const BUMP_EVERY_M: [f64; 2] = [1.0, 2.0];
+const BUMP_EVERY_M: [f64; 2] = [3.0, 5.0];
 const BUMP_PIECES: usize = 3;
 /// A bump's largest roll and pitch, its kick to the heading, and its push to the side: standard deviations
 /// \[rad\], \[rad\], \[m\]. Ours.
 const BUMP_TILT_RAD: f64 = 0.1;
 const BUMP_YAW_RAD: f64 = 0.14;
-const BUMP_SLIP_M: f64 = 0.03;
+const BUMP_SLIP_M: f64 = 0.015;
+/// No bump is higher than so many standard deviations. Ours.
+const BUMP_LIMIT: f64 = 2.0;
 
 /// The ground of a lane of `length_m`: roll and pitch of `tilt_rad`, and bumps in the first `bumps_m`.
 pub(super) fn terrain(length_m: f64, tilt_rad: f64, bumps_m: f64, factor: f64, seed: u64) -> Vec<Ground> {
@@ -38,14 +40,15 @@ pub(super) fn terrain(length_m: f64, tilt_rad: f64, bumps_m: f64, factor: f64, s
 }
 
 fn add_bumps(terrain: &mut [Ground], bumps_m: f64, factor: f64, random: &mut Stream) {
-    let [mut along_m, mut next_m] = [0.0, 0.0];
-    while {
-        along_m += next_m + random.between(BUMP_EVERY_M[0], BUMP_EVERY_M[1]);
-        next_m = 0.0;
-        along_m < bumps_m
-    } {
+    let mut along_m = 0.0;
+    loop {
+        along_m += random.between(BUMP_EVERY_M[0], BUMP_EVERY_M[1]);
+        if along_m >= bumps_m {
+            return;
+        }
         let scales = [BUMP_TILT_RAD, BUMP_TILT_RAD, BUMP_YAW_RAD, BUMP_SLIP_M];
-        let [roll_rad, pitch_rad, yaw_rad, slip_m] = scales.map(|sd| factor * sd * random.normal());
+        let [roll_rad, pitch_rad, yaw_rad, slip_m] =
+            scales.map(|sd| factor * sd * random.normal().clamp(-BUMP_LIMIT, BUMP_LIMIT));
         let length_m = BUMP_PIECES as f64 * TERRAIN_STEP_M;
         let first = (along_m / TERRAIN_STEP_M) as usize;
         for ground in terrain.iter_mut().skip(first).take(BUMP_PIECES) {

@@ -14,7 +14,7 @@ const SIDE_M: f64 = 0.75;
 const NOMINAL_M: f64 = 0.75;
 
 /// Distance to the stems of the row on the left and on the right \[m\]; none where fewer than `points` returns show.
-pub(super) fn label(scan: &Scan<'_>, from_stem: &[bool], heading_rad: f64, points: u32) -> [Option<f64>; 2] {
+pub(crate) fn label(scan: &Scan<'_>, from_stem: &[bool], heading_rad: f64, points: u32) -> [Option<f64>; 2] {
     let (sin, cos) = libm::sincos(heading_rad);
     let mut sides = [(0.0, 0_u32); 2];
     let beams = scan.beams.cos.iter().zip(&scan.beams.sin);

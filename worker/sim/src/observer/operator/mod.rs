@@ -5,7 +5,7 @@
 
 mod cause;
 mod errors;
-mod label;
+pub(crate) mod label;
 mod spectrum;
 
 use std::collections::BTreeMap;
@@ -145,7 +145,7 @@ impl<'a> Operator<'a> {
 
     /// Where the LiDAR of a robot at `pose` is.
     pub(crate) fn place(&self, pose: Pose) -> Place {
-        self.lane.place(self.field, pose.sensor(self.lidar_x_m, false), self.along_m)
+        self.lane.place(self.field, (pose.sensor(self.lidar_x_m, false), self.lidar_x_m), self.along_m)
     }
 
     /// Takes in what the robot made of a scan.
@@ -183,7 +183,7 @@ impl<'a> Operator<'a> {
 
     /// Whether the robot's centre has crossed one of the lane's rows.
     fn has_left(&self, pose: Pose) -> bool {
-        let centre = self.lane.place(self.field, pose, self.along_m);
+        let centre = self.lane.place(self.field, (pose, 0.0), self.along_m);
         centre.left_m < 0.0 || centre.right_m < 0.0
     }
 
@@ -210,9 +210,8 @@ impl<'a> Operator<'a> {
     }
 
     fn put(&mut self, time_s: f64, pose: Pose) {
-        let lidar = pose.sensor(self.lidar_x_m, false);
         // From a failure to where the robot is put, a place on the middle is never far.
-        self.along_m = self.lane.place(self.field, lidar, self.along_m).along_m;
+        self.along_m = self.place(pose).along_m;
         self.progress = (time_s, self.along_m);
         self.suspicions.forget();
         self.errors.begin_stretch();

@@ -2,6 +2,8 @@
 //!
 //! Sizes of marks and letters are given in units of which a drawing is 16 wide, whatever the field's size.
 
+mod lane;
+
 use std::fmt::Write as _;
 
 use crate::field::{Field, PlantKind};
@@ -34,10 +36,14 @@ const START: &str = "#111";
 
 /// Field, weeds, damaged plants, start and path of a run, seen from above, as an SVG document.
 ///
-/// `path` holds the true poses in order. x runs to the right, y upward, a metre is a metre both ways.
+/// `path` holds the true poses in order, one every 0.05 s. x runs to the right, y upward, a metre is a metre both ways.
+/// A lane is drawn in strips, with the cross-track error and the distances between interventions below.
 #[must_use]
 pub fn trajectory(scenario: &Scenario, seed: Seed, path: &[Pose], result: &RunResult) -> String {
     let field = scenario.field.build(seed.0);
+    if let Some(lane) = &field.lane {
+        return lane::run((&field, lane), path, result, &lane::caption(scenario, &field, seed, result));
+    }
     let mut sheet = Sheet::new(&field, path);
     sheet.draw_axes();
     sheet.draw_plants(&field, &result.damaged);
@@ -116,9 +122,8 @@ impl Sheet {
         self.place(0.0, self.y_m[0]).1
     }
 
-    fn text(&mut self, (x, y): (f64, f64), anchor: &str, text: &str) {
-        let text = text.replace('&', "&amp;").replace('<', "&lt;");
-        self.push(format_args!("<text x=\"{x:.3}\" y=\"{y:.3}\" text-anchor=\"{anchor}\" fill=\"#222\">{text}</text>"));
+    fn text(&mut self, place: (f64, f64), anchor: &str, text: &str) {
+        write_text(&mut self.svg, place, anchor, text);
     }
 
     /// A frame with ticks, labelled in metres.
@@ -247,6 +252,12 @@ impl Sheet {
             x += width + 0.6 + 0.14 * word.len() as f64;
         }
     }
+}
+
+fn write_text(svg: &mut String, (x, y): (f64, f64), anchor: &str, text: &str) {
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    writeln!(svg, "<text x=\"{x:.3}\" y=\"{y:.3}\" text-anchor=\"{anchor}\" fill=\"#222\">{text}</text>")
+        .expect("a text takes all");
 }
 
 /// Draws something at a place on the sheet.
