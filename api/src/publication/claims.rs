@@ -222,7 +222,9 @@ impl Group {
     /// The pairs of its runs whose ratio is the metric.
     fn of(&self, data: &SweepData) -> Pairs {
         let here = |cell: &&CellData| {
-            self.labels.iter().all(|(factor, labels)| cell.factors.get(factor).is_some_and(|label| labels.contains(label)))
+            self.labels
+                .iter()
+                .all(|(factor, labels)| cell.factors.get(factor).is_some_and(|label| labels.contains(label)))
         };
         let mut all = Pairs::default();
         for cell in data.cells.iter().filter(here) {
@@ -286,7 +288,10 @@ mod tests {
     fn a_claim_does_not_hold_or_is_undecided_by_the_interval() {
         let (often, seldom) = ([[200.0, 4.0], [200.0, 5.0], [200.0, 4.0]], [[200.0, 1.0], [200.0, 1.0], [200.0, 2.0]]);
         assert_eq!(claim(&figure_18(&seldom, &often), "ekf-iaf").verdict, Some(Verdict::DoesNotHold));
-        assert_eq!(claim(&figure_18(&often, &[[200.0, 4.0], [200.0, 5.0]]), "ekf-iaf").verdict, Some(Verdict::Undecided));
+        assert_eq!(
+            claim(&figure_18(&often, &[[200.0, 4.0], [200.0, 5.0]]), "ekf-iaf").verdict,
+            Some(Verdict::Undecided)
+        );
         let one = claim(&figure_18(&often[..1], &seldom), "ekf-iaf");
         assert_eq!((one.verdict, one.ours.unwrap().ci95), (Some(Verdict::Undecided), None));
         assert!(one.note.unwrap().ends_with("too few runs for an interval"));
@@ -328,7 +333,8 @@ mod tests {
             ];
             cell(&[("algorithm", "pl-ekf-lgg"), ("field", field)], &[], &counts)
         };
-        let cells = vec![of("es-1", &[9.0, 8.0, 10.0], &[3.0, 2.0, 3.0]), of("es-2", &[1.0, 2.0, 1.0], &[5.0, 4.0, 4.0])];
+        let cells =
+            vec![of("es-1", &[9.0, 8.0, 10.0], &[3.0, 2.0, 3.0]), of("es-2", &[1.0, 2.0, 1.0], &[5.0, 4.0, 4.0])];
         let data = SweepData { factors: vec!["algorithm".into(), "field".into()], cells };
         assert_eq!(claim(&data, "gap-first-in-es-1").verdict, Some(Verdict::Holds));
         assert_eq!(claim(&data, "gap-not-first-in-es-2").verdict, Some(Verdict::Holds));
@@ -345,7 +351,11 @@ mod tests {
                 assert!(!file.claims[..i].iter().any(|other| other.name == claim.name), "{}", claim.name);
                 for group in &claim.groups {
                     let unlisted = group.metric.replace('_', " ");
-                    assert!(metric(&group.metric).title != unlisted || group.metric == "interventions", "{}", claim.name);
+                    assert!(
+                        metric(&group.metric).title != unlisted || group.metric == "interventions",
+                        "{}",
+                        claim.name
+                    );
                 }
             }
         }

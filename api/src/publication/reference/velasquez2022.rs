@@ -47,7 +47,12 @@ pub(super) fn tables() -> Vec<Reference> {
     const AT_40_HZ: &[(&str, &str)] = &[("lidar_hz", "40")];
     vec![
         lanes("table-1", include_str!("../../../reference/velasquez2022-table-1.json"), &["algorithm"], AT_40_HZ),
-        lanes("table-2", include_str!("../../../reference/velasquez2022-table-2.json"), &["algorithm", "lidar_hz"], &[]),
+        lanes(
+            "table-2",
+            include_str!("../../../reference/velasquez2022-table-2.json"),
+            &["algorithm", "lidar_hz"],
+            &[],
+        ),
         lanes("table-3", include_str!("../../../reference/velasquez2022-table-3.json"), &["algorithm"], AT_40_HZ),
         lanes("table-4", include_str!("../../../reference/velasquez2022-table-4.json"), &["algorithm"], AT_40_HZ),
         views(read(include_str!("../../../reference/velasquez2022-table-5.json"))),
@@ -133,7 +138,8 @@ fn lanes(
 fn views(file: File) -> Reference {
     let columns: Vec<Column> = file.columns[1..].iter().map(|name| column(name, name, Kind::Measure)).collect();
     let note = "a person's labels; ours of every 10th scan of the full system";
-    let mut table = Reference { row_factors: &["field"], column_factor: "view", only: &[FULL], ..empty("table-5", &file) };
+    let mut table =
+        Reference { row_factors: &["field"], column_factor: "view", only: &[FULL], ..empty("table-5", &file) };
     table.note = Some(note.to_owned());
     for row in &file.rows {
         let field = vec![label(&row[0])];
@@ -150,7 +156,8 @@ fn views(file: File) -> Reference {
 
 /// Table 6: causes of interventions in early-stage corn as shares of all of them.
 fn causes(file: File) -> Reference {
-    let mut table = Reference { row_factors: &["field"], column_factor: "cause", only: &[FULL], ..empty("table-6", &file) };
+    let mut table =
+        Reference { row_factors: &["field"], column_factor: "cause", only: &[FULL], ..empty("table-6", &file) };
     table.note = Some("of its counts the shares are compared, since its runs are not counted".to_owned());
     table.columns = CAUSES.map(|(cause, _, share)| column(cause, share, Kind::Measure)).into();
     for cell in &file.cells {
