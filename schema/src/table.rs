@@ -37,6 +37,7 @@ pub struct Statistics {
     pub min: Option<f64>,
     /// Largest value.
     pub max: Option<f64>,
-    /// 95 % interval of the mean: Wilson's for ratios, Student's otherwise; null for one value of a mean.
+    /// 95 % interval of the mean: Wilson's for ratios, the bootstrap's for ratios of sums, Student's otherwise; null for
+    /// one value of a mean.
     pub ci95: Option<[f64; 2]>,
 }

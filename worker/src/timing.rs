@@ -1,13 +1,15 @@
 //! What a run costs on the clock of the machine that runs it.
 //!
-//! These figures are no results: they are in no digest and in no comparison of bits. Three of them are metrics:
+//! These figures are no results: they are in no digest and in no comparison of bits. Some of them are metrics:
 //!
 //! - `line_finding_time_ms`: mean of the first 500 calls of the line finder on the front LiDAR, as the 500 front
 //!   scans over which Guyonneau et al. (2022) give theirs in table 4;
 //! - `line_finding_time_per_100_points_ms`: 100 times that over the run's `points_processed`, table 6 there; absent
 //!   in a run that processed no points;
-//! - `computation_time_ms`: all finding of lines or lanes, estimation and control over the number of control steps, which is the time that
-//!   a robot's own computer spends between two scans and a command.
+//! - `lane_finding_time_ms`, `lane_estimation_time_ms` (both halves of the estimator) and `control_time_ms` (goal
+//!   generator and controller): means a scan of a robot in a lane, as section 5.4 of Velasquez et al. (2022) has them;
+//! - `computation_time_ms`: all finding, estimation and control over the number of control steps, which is the time
+//!   that a robot's own computer spends between two scans and a command.
 
 mod histogram;
 mod machine;
@@ -81,14 +83,23 @@ impl Stopwatch {
         let named = [
             ("line_finding_time_ms", line_finding_ms),
             ("line_finding_time_per_100_points_ms", per_100_points_ms),
-            ("computation_time_ms", self.computation_ms()),
+            ("lane_finding_time_ms", self.ms_a_scan(&[Part::LaneFinding])),
+            ("lane_estimation_time_ms", self.ms_a_scan(&[Part::LanePrediction, Part::LaneCorrection])),
+            ("control_time_ms", self.ms_a_scan(&[Part::Control])),
+            ("computation_time_ms", self.ms_over(&COMPUTATION, Part::Control)),
         ];
         named.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
     }
 
-    fn computation_ms(&self) -> Option<f64> {
-        let sum_ns: u64 = COMPUTATION.into_iter().map(|part| self.parts[part as usize].calls.sum_ns()).sum();
-        Mean { n: self.parts[Part::Control as usize].calls.count(), sum_ns }.mean_ms()
+    /// Of a robot in a lane; none of another.
+    fn ms_a_scan(&self, parts: &[Part]) -> Option<f64> {
+        self.ms_over(parts, Part::LaneFinding)
+    }
+
+    /// The time of `parts` over the calls of `step`.
+    fn ms_over(&self, parts: &[Part], step: Part) -> Option<f64> {
+        let sum_ns: u64 = parts.iter().map(|part| self.parts[*part as usize].calls.sum_ns()).sum();
+        Mean { n: self.parts[step as usize].calls.count(), sum_ns }.mean_ms()
     }
 
     fn part_timing(&self, part: Part) -> Option<PartTiming> {
@@ -156,6 +167,19 @@ mod tests {
             stopwatch.record(part, 1_000_000);
         }
         assert_eq!(stopwatch.timing_metrics(&points(1.0))["computation_time_ms"], 2.0);
+    }
+
+    #[test]
+    fn a_lane_has_a_time_a_scan_for_each_stage() {
+        let mut stopwatch = Stopwatch::start();
+        for part in [Part::LanePrediction, Part::LaneFinding, Part::LaneCorrection, Part::Control] {
+            stopwatch.record(part, 1_000_000);
+            stopwatch.record(part, 3_000_000);
+        }
+        let metrics = stopwatch.timing_metrics(&BTreeMap::new());
+        assert_eq!((metrics["lane_finding_time_ms"], metrics["lane_estimation_time_ms"]), (2.0, 4.0));
+        assert_eq!((metrics["control_time_ms"], metrics["computation_time_ms"]), (2.0, 8.0));
+        assert!(!metrics.contains_key("line_finding_time_ms"));
     }
 
     #[test]

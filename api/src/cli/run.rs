@@ -242,11 +242,16 @@ fn print_tables(finished: &Finished) -> Result<(), CliError> {
 
 /// What to do for tables that need measured times; nothing if there are none such.
 fn hint_at_timing(tables: &[&str]) -> Option<String> {
-    let numbers: Vec<&str> = tables.iter().map(|table| table.trim_start_matches("table-")).collect();
     let (plural, verb) = if tables.len() > 1 { ("s", "") } else { ("", "s") };
-    (!tables.is_empty()).then(|| {
-        format!("Table{plural} {} need{verb} computing times: add --timing to measure them.", numbers.join(" and "))
-    })
+    let named = match tables {
+        [] => return None,
+        ["times"] => "The table of times".to_owned(),
+        _ => {
+            let numbers: Vec<&str> = tables.iter().map(|table| table.trim_start_matches("table-")).collect();
+            format!("Table{plural} {}", numbers.join(" and "))
+        }
+    };
+    Some(format!("{named} need{verb} computing times: add --timing to measure them."))
 }
 
 /// The metrics that fit a terminal: the first few, and all times where they were measured.
@@ -263,6 +268,8 @@ mod tests {
     fn tables_of_times_that_are_missing_are_named() {
         let hint = hint_at_timing(&["table-4", "table-6"]).unwrap();
         assert_eq!(hint, "Tables 4 and 6 need computing times: add --timing to measure them.");
+        let hint = hint_at_timing(&["times"]).unwrap();
+        assert_eq!(hint, "The table of times needs computing times: add --timing to measure them.");
         assert_eq!(hint_at_timing(&[]), None);
     }
 }

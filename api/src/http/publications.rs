@@ -15,11 +15,14 @@ use super::extract::Params;
 use super::negotiate::choose;
 use super::problem::Problem;
 use super::tables::{FORMS, sweep_data};
-use crate::publication::{self, Comparison};
-use crate::table::{Format, Query};
+use crate::publication::{self, Comparison, PublicationError};
+use crate::table::{Format, Query, SweepData};
 
 /// Sweeps looked at together.
 const PAGE: u32 = 200;
+
+/// Plans of a publication whose claims are checked together: their values are in memory at once.
+const SWEEPS_OF_CLAIMS: usize = 16;
 
 pub(super) fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(get_publication))
@@ -29,8 +32,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 #[utoipa::path(get, path = "/v1/publications/{source}/{table}", tag = "publications",
     params(
         ("source" = String, Path, description = "the publication, such as `guyonneau2022`"),
-        ("table" = String, Path, description = "the table, such as `table-2`"),
-        ("sweep" = Option<SweepId>, Query, description = "if not given the newest sweep of a plan of that publication; for a table of times the newest that measured them"),
+        ("table" = String, Path, description = "the table, such as `table-2`, `figure-18` or `claims`"),
+        ("sweep" = Option<SweepId>, Query, description = "if not given the newest sweep of the plan of that name, else of any plan of that publication; for a table of times the newest that measured them; for claims the newest of each plan, of which the first with runs for a claim decides"),
         ("format" = Option<String>, Query, description = "json, csv, md, latex or text; wins over the header Accept"),
     ),
     responses(
@@ -46,24 +49,33 @@ async fn get_publication(
     let asked: Option<SweepId> = params.parsed("sweep")?;
     let form = choose(&FORMS, params.text("format")?.as_deref(), &headers)?;
     params.finish()?;
-    let sweep = match asked {
-        Some(id) => Some(app.sweep(id).await?),
-        None => app.newest_of(&source, publication::is_of_times(&source, &table)).await?,
+    let sweeps = match asked {
+        Some(id) => vec![app.sweep(id).await?],
+        None => app.newest_of(&source, &table).await?,
     };
-    let data = match &sweep {
-        Some(sweep) => Some(sweep_data(app.coordinator(), sweep, &Query::default()).await?),
-        None => None,
-    };
-    let comparing = tokio::task::spawn_blocking(move || publication::compare(&source, &table, data.as_ref()));
+    let mut data = Vec::new();
+    for sweep in &sweeps {
+        data.push(sweep_data(app.coordinator(), sweep, &Query::default()).await?);
+    }
+    let comparing = tokio::task::spawn_blocking(move || compare(&source, &table, &data));
     let mut comparison = comparing.await.map_err(|error| Problem::internal(&error))??;
-    if let Some(sweep) = &sweep {
-        publication::cite(app.coordinator(), sweep.id, &mut comparison).await?;
+    let sweep = sweeps.first().map(|sweep| sweep.id);
+    if let Some(sweep) = sweep {
+        publication::cite(app.coordinator(), sweep, &mut comparison).await?;
     }
     let text = match form.form {
-        Format::Json => json_of(&comparison, sweep.map(|sweep| sweep.id)),
+        Format::Json => json_of(&comparison, sweep),
         format => comparison.write(format),
     };
     Ok(([(CONTENT_TYPE, form.content_type())], text).into_response())
+}
+
+/// Claims are checked in the first sweep that has runs for them; a table is of one sweep.
+fn compare(source: &str, table: &str, data: &[SweepData]) -> Result<Comparison, PublicationError> {
+    match data {
+        [_, _, ..] => publication::check(source, data),
+        _ => publication::compare(source, table, data.first()),
+    }
 }
 
 /// The comparison with the sweep it is of; null where none was run yet.
@@ -74,19 +86,31 @@ fn json_of(comparison: &Comparison, sweep: Option<SweepId>) -> String {
 }
 
 impl App {
-    /// The newest sweep of a plan of publication `source`, or the newest of those that measure times.
-    async fn newest_of(&self, source: &str, timing: bool) -> Result<Option<Sweep>, Problem> {
+    /// The newest sweep whose plan is the table itself, else the newest of a plan of publication `source`; for tables
+    /// of times of those that measured them. For claims the newest sweep of each plan, newest first.
+    async fn newest_of(&self, source: &str, table: &str) -> Result<Vec<Sweep>, Problem> {
+        let timing = publication::is_of_times(source, table);
+        let mut newest: Vec<Sweep> = Vec::new();
         let mut after = None;
         loop {
             let page = self.coordinator().sweeps(after, PAGE).await?;
             after = page.last().map(|sweep| sweep.id);
             let last = page.len() < PAGE as usize;
-            let is_of_source = |sweep: &Sweep| sweep.plan.split_once('/').is_some_and(|(of, _)| of == source);
-            let belongs = |sweep: &Sweep| is_of_source(sweep) && (sweep.timing || !timing);
-            let found = page.into_iter().find(belongs);
-            if found.is_some() || last {
-                return Ok(found);
+            for sweep in page.into_iter().filter(|sweep| sweep.timing || !timing) {
+                let Some((of, plan)) = sweep.plan.split_once('/') else { continue };
+                if of != source || newest.iter().any(|other| other.plan == sweep.plan) {
+                    continue;
+                }
+                if plan == table {
+                    return Ok(vec![sweep]);
+                }
+                newest.push(sweep);
+            }
+            if last {
+                break;
             }
         }
+        newest.truncate(if table == publication::CLAIMS { SWEEPS_OF_CLAIMS } else { 1 });
+        Ok(newest)
     }
 }

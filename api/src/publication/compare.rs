@@ -4,30 +4,37 @@ use std::collections::BTreeMap;
 
 use super::error::PublicationError;
 use super::reason::explain;
-use super::reference::{ALGORITHMS, FIELDS, MEAN, Reference, find};
+use super::reference::{Cell, Column, Kind, Reference, find};
 use super::verdict::{Pair, Verdict, interval_of_means, judge};
-use super::{Comparison, ComparisonCell, Ours};
-use crate::table::{CellData, Series, SweepData, summarize};
+use super::{Comparison, ComparisonCell, Ours, Sums, claims};
+use crate::table::{CellData, Pairs, Series, SweepData, summarize};
 
-/// Puts the runs of a sweep with the factors `algorithm` and `field` beside a published table; without a sweep
-/// every verdict is `not-run`. Runs with labels that the paper does not know are left out. For medians, the
-/// data must hold the values and not only their moments.
+/// Puts the runs of a sweep beside a published table, or what the paper says in words; without a sweep every verdict
+/// is `not-run`. Runs with labels that the paper does not know are left out. For medians, the data must hold the
+/// values and not only their moments.
 ///
 /// # Errors
 /// Names the publication or the table that is not known, and those that are.
 pub fn compare(source: &str, table: &str, data: Option<&SweepData>) -> Result<Comparison, PublicationError> {
-    let (source, reference) = find(source, table)?;
+    if table == claims::TABLE && claims::exist(source) {
+        return claims::check(source, data.as_slice());
+    }
+    let reference = find(source, table)?;
     let runs: Vec<&CellData> =
-        data.map(|data| data.cells.iter().filter(|cell| is_known(cell)).collect()).unwrap_or_default();
-    let cells = variants(&runs).iter().flat_map(|variant| block(reference, &runs, variant)).collect();
+        data.map(|data| data.cells.iter().filter(|cell| is_known(reference, cell)).collect()).unwrap_or_default();
+    let cells = variants(reference, &runs).iter().flat_map(|variant| block(reference, &runs, variant)).collect();
     Ok(Comparison {
-        source: source.to_owned(),
+        source: reference.source.to_owned(),
         table: reference.name.to_owned(),
-        citation: reference.citation().to_owned(),
-        metric: reference.metric_name().to_owned(),
-        unit: reference.unit().to_owned(),
-        note: reference.note().map(str::to_owned),
-        program_source: reference.program_source(),
+        citation: reference.citation.clone(),
+        metric: reference.metric.clone(),
+        unit: reference.unit.clone(),
+        note: reference.note.clone(),
+        program_source: reference.program_source.as_deref(),
+        row_factors: reference.row_factors,
+        column_factor: reference.column_factor,
+        columns: reference.columns.iter().map(|column| column.label.clone()).collect(),
+        counts_successes: reference.counts_successes,
         cells,
     })
 }
@@ -36,13 +43,23 @@ fn label<'a>(cell: &'a CellData, factor: &str) -> &'a str {
     cell.factors.get(factor).map_or("", String::as_str)
 }
 
-fn is_known(cell: &CellData) -> bool {
-    ALGORITHMS.contains(&label(cell, "algorithm")) && FIELDS.contains(&label(cell, "field"))
+/// Whether the paper has the row and the column of these runs.
+fn is_known(reference: &Reference, cell: &CellData) -> bool {
+    let row =
+        |row: &Vec<String>| row.iter().zip(reference.row_factors).all(|(level, factor)| label(cell, factor) == level);
+    let column = |column: &Column| match column.kind {
+        Kind::Level => label(cell, reference.column_factor) == column.label,
+        Kind::Measure => true,
+        Kind::Mean => false,
+    };
+    let only = |(factor, level): &(&str, &str)| cell.factors.get(*factor).is_none_or(|other| other == level);
+    reference.rows.iter().any(row) && reference.columns.iter().any(column) && reference.only.iter().all(only)
 }
 
 /// The combinations of labels of those further factors in which the runs differ: one empty one if they do not.
-fn variants(runs: &[&CellData]) -> Vec<BTreeMap<String, String>> {
-    let further = |factor: &&String| !matches!(factor.as_str(), "algorithm" | "field");
+fn variants(reference: &Reference, runs: &[&CellData]) -> Vec<BTreeMap<String, String>> {
+    let of_table = |factor: &str| factor == reference.column_factor || reference.row_factors.contains(&factor);
+    let further = |factor: &&String| !of_table(factor.as_str());
     let differs = |factor: &&String| runs.iter().any(|cell| label(cell, factor) != label(runs[0], factor));
     let factors: Vec<&String> = runs.first().map(|cell| cell.factors.keys().collect()).unwrap_or_default();
     let factors: Vec<&String> = factors.into_iter().filter(further).filter(differs).collect();
@@ -56,30 +73,96 @@ fn variants(runs: &[&CellData]) -> Vec<BTreeMap<String, String>> {
     if variants.is_empty() { vec![BTreeMap::new()] } else { variants }
 }
 
+/// The labels that the table asks for in further factors which the sweep has.
+fn only(reference: &Reference, runs: &[&CellData]) -> BTreeMap<String, String> {
+    let has = |factor: &str| runs.first().is_some_and(|cell| cell.factors.contains_key(factor));
+    let asked = reference.only.iter().filter(|(factor, _)| has(factor));
+    asked.map(|(factor, label)| ((*factor).to_owned(), (*label).to_owned())).collect()
+}
+
 /// All cells of the table for one variant.
 fn block(reference: &Reference, runs: &[&CellData], variant: &BTreeMap<String, String>) -> Vec<ComparisonCell> {
+    let only = only(reference, runs);
+    let only = &only;
     let mut cells = Vec::new();
-    for algorithm in ALGORITHMS {
+    for row in &reference.rows {
         let mut means = Vec::new();
-        for field in FIELDS {
-            let group = Group::of(reference, runs, algorithm, field, variant);
-            means.extend(group.ours(reference));
-            cells.push(cell(reference, algorithm, field, variant, &group));
+        for column in reference.columns.iter().filter(|column| column.kind != Kind::Mean) {
+            let place = Place { reference, row, column, variant, only };
+            let group = Group::of(&place, runs);
+            means.extend(group.ours(column));
+            cells.push(place.cell(&group));
         }
-        let mut last = cell(reference, algorithm, MEAN, variant, &Group::default());
-        match means.len() {
-            0 => {}
-            4 => last.ours = Some(mean_of(&means)),
-            _ => last.note = Some("the mean takes runs in all four crops".to_owned()),
+        for column in reference.columns.iter().filter(|column| column.kind == Kind::Mean) {
+            let mut mean = Place { reference, row, column, variant, only }.cell(&Group::default());
+            match means.len() {
+                0 => {}
+                n if n + 1 == reference.columns.len() => mean.ours = Some(mean_of(&means)),
+                _ => mean.note = Some("the mean takes runs in all four crops".to_owned()),
+            }
+            cells.push(mean);
         }
-        cells.push(last);
     }
-    let verdicts: Vec<Option<Verdict>> = (0..cells.len()).map(|index| verdict(&cells, index)).collect();
+    let verdicts: Vec<Option<Verdict>> = (0..cells.len()).map(|index| verdict(reference, &cells, index)).collect();
     for (cell, verdict) in cells.iter_mut().zip(verdicts) {
         cell.verdict = verdict;
         explain(reference, cell);
     }
     cells
+}
+
+/// Where a row meets a column, for runs with the labels of a variant.
+struct Place<'a> {
+    reference: &'a Reference,
+    row: &'a [String],
+    column: &'a Column,
+    variant: &'a BTreeMap<String, String>,
+    /// Labels that all the runs have in further factors.
+    only: &'a BTreeMap<String, String>,
+}
+
+impl Place<'_> {
+    fn row_labels(&self) -> impl Iterator<Item = (&'static str, &String)> {
+        self.reference.row_factors.iter().copied().zip(self.row)
+    }
+
+    /// The labels of its runs.
+    fn labels(&self) -> BTreeMap<String, String> {
+        let mut labels = self.variant.clone();
+        labels.extend(self.row_labels().map(|(factor, level)| (factor.to_owned(), level.clone())));
+        if self.column.kind == Kind::Level {
+            labels.insert(self.reference.column_factor.to_owned(), self.column.label.clone());
+        }
+        labels
+    }
+
+    fn cell(&self, group: &Group) -> ComparisonCell {
+        let known = self.reference.cell(self.row, self.column);
+        let published = known.and_then(|cell: &Cell| cell.published);
+        let program = known.and_then(|cell| cell.program);
+        let mut factors = self.labels();
+        let runs = factors.iter().chain(self.only).map(|(factor, label)| (factor.clone(), label.clone())).collect();
+        factors.insert(self.reference.column_factor.to_owned(), self.column.label.clone());
+        let missing = group.total.saturating_sub(group.done);
+        let sums = Sums { published: published.and_then(|published| published.sums), ours: group.pairs.sums() };
+        ComparisonCell {
+            factors,
+            published: published.map(|published| published.value),
+            published_runs: published.and_then(|published| published.runs),
+            program: program.map(|program| program.value),
+            program_median: program.and_then(|program| program.median),
+            program_runs: program.map(|program| program.runs),
+            ours: group.ours(self.column),
+            sums: (group.pairs.n() > 0 || sums.published.is_some()).then_some(sums),
+            verdict: None,
+            note: (missing > 0).then(|| format!("{missing} of {} runs have no result (yet)", group.total)),
+            reason: None,
+            success: group.successes().filter(|_| self.reference.counts_successes),
+            kind: self.column.kind,
+            measured: self.column.measured.clone(),
+            runs,
+        }
+    }
 }
 
 /// Our runs of one cell.
@@ -88,34 +171,31 @@ struct Group {
     total: u64,
     done: u64,
     series: Series,
+    pairs: Pairs,
     success: Series,
 }
 
 impl Group {
-    fn of(
-        reference: &Reference,
-        runs: &[&CellData],
-        algorithm: &str,
-        field: &str,
-        variant: &BTreeMap<String, String>,
-    ) -> Self {
+    fn of(place: &Place<'_>, runs: &[&CellData]) -> Self {
         let mut group = Self::default();
-        let here = |cell: &&&CellData| {
-            label(cell, "algorithm") == algorithm
-                && label(cell, "field") == field
-                && variant.iter().all(|(factor, level)| label(cell, factor) == level)
-        };
+        let labels = place.labels();
+        let here = |cell: &&&CellData| labels.iter().all(|(factor, level)| label(cell, factor) == level);
         for cell in runs.iter().filter(here) {
             group.total += cell.total;
             group.done += cell.done;
-            cell.metrics.get(reference.measured()).inspect(|series| group.series.merge(series));
+            cell.metrics.get(&place.column.measured).inspect(|series| group.series.merge(series));
+            cell.ratios.get(place.column.measured.as_str()).inspect(|pairs| group.pairs.merge(pairs));
             cell.metrics.get("success").inspect(|series| group.success.merge(series));
         }
         group
     }
 
-    fn ours(&self, reference: &Reference) -> Option<Ours> {
-        let statistics = summarize(&self.series, reference.metric().ratio);
+    fn ours(&self, column: &Column) -> Option<Ours> {
+        let metric = column.metric();
+        if metric.of_sums.is_some() {
+            return Ours::of_pairs(&self.pairs);
+        }
+        let statistics = summarize(&self.series, metric.ratio);
         let mean = statistics.mean?;
         Some(Ours { mean, median: statistics.median, ci95: statistics.ci95, n: statistics.n })
     }
@@ -136,44 +216,19 @@ fn mean_of(means: &[Ours]) -> Ours {
     }
 }
 
-fn cell(
-    reference: &Reference,
-    algorithm: &str,
-    field: &str,
-    variant: &BTreeMap<String, String>,
-    group: &Group,
-) -> ComparisonCell {
-    let program = reference.program(algorithm, field);
-    let mut factors = variant.clone();
-    factors.insert("algorithm".to_owned(), algorithm.to_owned());
-    factors.insert("field".to_owned(), field.to_owned());
-    let missing = group.total.saturating_sub(group.done);
-    ComparisonCell {
-        factors,
-        published: reference.value(algorithm, field),
-        program: program.map(|program| program.value),
-        program_median: program.and_then(|program| program.median),
-        program_runs: program.map(|program| program.runs),
-        ours: group.ours(reference),
-        verdict: None,
-        note: (missing > 0).then(|| format!("{missing} of {} runs have no result (yet)", group.total)),
-        reason: None,
-        success: group.successes(),
-    }
-}
-
-fn verdict(cells: &[ComparisonCell], index: usize) -> Option<Verdict> {
+fn verdict(reference: &Reference, cells: &[ComparisonCell], index: usize) -> Option<Verdict> {
     match (cells[index].published, &cells[index].ours) {
         (_, None) => Some(Verdict::NotRun),
-        (Some(published), Some(ours)) => Some(judge(published, ours, &others(cells, index))),
+        (Some(published), Some(ours)) => Some(judge(published, ours, &others(reference, cells, index))),
         (None, Some(_)) => None,
     }
 }
 
-/// The other finders of the same column that have both a published value and ours.
-fn others(cells: &[ComparisonCell], index: usize) -> Vec<Pair> {
-    let field = cells[index].label("field");
-    let same = cells.iter().enumerate().filter(|(other, cell)| *other != index && cell.label("field") == field);
+/// The other cells of the same column that have both a published value and ours.
+fn others(reference: &Reference, cells: &[ComparisonCell], index: usize) -> Vec<Pair> {
+    let column = |cell: &ComparisonCell| cell.label(reference.column_factor).to_owned();
+    let here = column(&cells[index]);
+    let same = cells.iter().enumerate().filter(|(other, cell)| *other != index && column(cell) == here);
     same.filter_map(|(_, cell)| Some((cell.published?, cell.ours?.mean))).collect()
 }
 
@@ -195,6 +250,7 @@ mod tests {
                 ("mean_squared_error_mm2".into(), Series::of(errors.iter().copied())),
                 ("success".into(), Series::of(successes.iter().copied())),
             ]),
+            ratios: BTreeMap::new(),
         }
     }
 
@@ -292,6 +348,77 @@ mod tests {
             cells.find(|cell| cell.label("algorithm") == "rgop").and_then(|cell| cell.ours).map(|ours| ours.mean)
         };
         assert_eq!((of("as-run"), of("as-printed")), (Some(65.5), Some(100.5)));
+    }
+
+    fn lane_run(labels: &[(&str, &str)], interventions: &[f64]) -> CellData {
+        let pairs = || interventions.iter().map(|count| [100.0, count - 1.0]);
+        let shares = interventions.iter().map(|count| [(count - 1.0) / 2.0, count - 1.0]);
+        CellData {
+            factors: labels.iter().map(|(factor, label)| ((*factor).to_owned(), (*label).to_owned())).collect(),
+            total: interventions.len() as u64,
+            done: interventions.len() as u64,
+            metrics: BTreeMap::from([("interventions".into(), Series::of(interventions.iter().copied()))]),
+            ratios: BTreeMap::from([
+                ("distance_per_intervention_m", Pairs::of(pairs())),
+                ("gap_share", Pairs::of(shares)),
+            ]),
+            ..CellData::default()
+        }
+    }
+
+    fn lanes(cells: Vec<CellData>) -> SweepData {
+        SweepData { factors: cells[0].factors.keys().cloned().collect(), cells }
+    }
+
+    #[test]
+    fn rows_and_columns_may_be_of_any_factors() {
+        let at =
+            |hz, counts: &[f64]| lane_run(&[("algorithm", "pl-lgg"), ("field", "lane-b"), ("lidar_hz", hz)], counts);
+        let data = lanes(vec![at("40", &[4.0, 6.0, 5.0]), at("10", &[7.0, 9.0, 8.0]), at("20", &[6.0, 6.0])]);
+        let rates = compare("velasquez2022", "table-2", Some(&data)).unwrap();
+        assert_eq!(rates.cells.len(), 12);
+        let ran: Vec<&ComparisonCell> = rates.cells.iter().filter(|cell| cell.ours.is_some()).collect();
+        let of = |cell: &&ComparisonCell| (cell.label("lidar_hz").to_owned(), cell.ours.unwrap().mean, cell.verdict);
+        let inside = Some(Verdict::Inside);
+        assert_eq!(ran.iter().map(of).collect::<Vec<_>>(), [("40".into(), 5.0, inside), ("10".into(), 8.0, inside)]);
+        assert_eq!(ran[0].published_runs, Some(1));
+        let text = rates.write(Format::Text);
+        assert!(text.contains("lidar_hz") && text.contains("5.00 (n 1) inside"), "{text}");
+
+        let gaps = compare("velasquez2022", "table-1", Some(&data)).unwrap();
+        let ran: Vec<&ComparisonCell> = gaps.cells.iter().filter(|cell| cell.ours.is_some()).collect();
+        assert_eq!((ran.len(), ran[0].ours.unwrap().n), (1, 3), "table 1 is of 40 Hz");
+        assert_eq!(ran[0].runs["lidar_hz"], "40");
+    }
+
+    #[test]
+    fn a_distance_without_an_intervention_is_beside_the_published_one() {
+        let none = lane_run(&[("algorithm", "pl-ekf-lgg"), ("field", "iaf")], &[1.0; 20]);
+        let pl = lane_run(&[("algorithm", "pl-lgg"), ("field", "iaf")], &[3.0, 4.0, 2.0]);
+        let figure = compare("velasquez2022", "figure-18", Some(&lanes(vec![none, pl]))).unwrap();
+        let cell = find_cell(&figure, "pl-ekf-lgg", "iaf");
+        let [low, high] = cell.ours.unwrap().ci95.unwrap();
+        assert!((low - 542.2).abs() < 0.1 && high == f64::INFINITY, "2,000 m / 3.689: {low}");
+        assert_eq!(json!(cell)["ours"]["mean"], json!(null));
+        assert_eq!(cell.verdict, Some(Verdict::SameRanking), "400 m is less");
+        let pl = find_cell(&figure, "pl-lgg", "iaf");
+        assert_eq!((pl.ours.unwrap().mean, pl.sums.unwrap().ours), (50.0, [300.0, 6.0]));
+        assert_eq!(pl.verdict, Some(Verdict::Inside));
+        let unpublished = find_cell(&figure, "pl-lgg", "es-1");
+        assert!(unpublished.note.as_ref().unwrap().contains("not in the paper's table"));
+        assert!(figure.write(Format::Text).contains("∞"));
+    }
+
+    #[test]
+    fn columns_may_be_metrics_of_the_same_runs() {
+        let es = lane_run(&[("algorithm", "pl-ekf-lgg"), ("field", "es-1")], &[5.0, 7.0, 9.0]);
+        let other = lane_run(&[("algorithm", "pl-lgg"), ("field", "es-1")], &[50.0; 3]);
+        let causes = compare("velasquez2022", "table-6", Some(&lanes(vec![other, es]))).unwrap();
+        let gap = causes.cells.iter().find(|cell| cell.label("cause") == "gap").unwrap();
+        assert_eq!(gap.ours.map(|ours| (ours.mean, ours.n)), Some((0.5, 3)), "the table is of the full system");
+        assert_eq!(gap.sums, Some(Sums { published: Some([93.0, 138.0]), ours: [9.0, 18.0] }));
+        assert_eq!(gap.runs["algorithm"], "pl-ekf-lgg");
+        assert!(causes.write(Format::Md).contains("9/18, paper 93/138"));
     }
 
     #[test]

@@ -8,10 +8,10 @@ use furrow_coordinator::{Coordinator, StoreError};
 use furrow_schema::id::{JobKey, SweepId};
 
 use super::reason::add;
-use super::reference::MEAN;
+use super::reference::Kind;
 use super::verdict::Verdict;
 use super::{Comparison, ComparisonCell};
-use crate::table::{Metric, median, short};
+use crate::table::{Metric, median, metric, short};
 
 /// The outcome of a run that reached its end without damage.
 const SUCCESS: &str = "success";
@@ -29,11 +29,11 @@ const KEY_DIGITS: usize = 12;
 /// # Errors
 /// The store's.
 pub async fn cite(coordinator: &Coordinator, sweep: SweepId, comparison: &mut Comparison) -> Result<(), StoreError> {
-    let metric = comparison.measured();
     for index in 0..comparison.cells.len() {
         if comparison.cells[index].verdict != Some(Verdict::Different) {
             continue;
         }
+        let metric = of_one_run(comparison.cells[index].metric());
         let (labels, prefix) = runs_of(&comparison.cells, index);
         let runs = coordinator.runs(sweep, &labels, &metric.name).await?;
         if let Some(text) = evidence(&runs, &metric) {
@@ -43,14 +43,19 @@ pub async fn cite(coordinator: &Coordinator, sweep: SweepId, comparison: &mut Co
     Ok(())
 }
 
+/// What to look at in a run: of a ratio of sums, which no run has, the count below the line.
+fn of_one_run(of_cell: Metric) -> Metric {
+    of_cell.of_sums.map_or(of_cell, |of| metric(of.denominator))
+}
+
 /// Where the runs behind a cell are: for a mean over the crops in the crop that is farthest from the published one.
 fn runs_of(cells: &[ComparisonCell], index: usize) -> (BTreeMap<String, String>, String) {
-    let labels = cells[index].factors.clone();
-    if cells[index].label("field") != MEAN {
-        return (labels, String::new());
+    if cells[index].kind != Kind::Mean {
+        return (cells[index].runs.clone(), String::new());
     }
+    let labels = cells[index].factors.clone();
     let same_row = |cell: &&ComparisonCell| {
-        cell.label("field") != MEAN
+        cell.kind != Kind::Mean
             && cell.factors.iter().all(|(factor, label)| factor == "field" || labels.get(factor) == Some(label))
     };
     let apart = |cell: &ComparisonCell| Some((cell.ours?.mean - cell.published?).abs());
@@ -128,7 +133,6 @@ fn described(run: &RunValue, metric: &Metric) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::metric;
 
     fn run(seed: u8, outcome: &str, value: f64) -> RunValue {
         RunValue { key: JobKey([seed; 32]), seed: seed.into(), outcome: outcome.to_owned(), value: Some(value) }

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use super::reference::{FIELDS, MEAN};
+use super::reference::Kind;
 use super::verdict::Verdict;
-use super::{Comparison, ComparisonCell};
+use super::{Comparison, ComparisonCell, Sums};
 use crate::table::{Column, Entry, Grid, short, superscript};
 
 /// One row per cell, in full precision.
@@ -29,22 +29,22 @@ pub(super) fn for_programs(comparison: &Comparison) -> Grid {
     Grid { columns, rows: comparison.cells.iter().map(row).collect(), ..Grid::default() }
 }
 
-/// `algorithm`, `field`, then any others.
+/// Those of the rows, that of the columns, then any others.
 fn factors(comparison: &Comparison) -> Vec<&str> {
     let all: BTreeSet<&str> =
         comparison.cells.iter().flat_map(|cell| cell.factors.keys()).map(String::as_str).collect();
-    let further = all.into_iter().filter(|factor| !matches!(*factor, "algorithm" | "field"));
-    ["algorithm", "field"].into_iter().chain(further).collect()
+    let of_table = || comparison.row_factors.iter().copied().chain([comparison.column_factor]);
+    let further = all.into_iter().filter(|factor| !of_table().any(|other| other == *factor));
+    of_table().chain(further).collect()
 }
 
-/// The paper's table: a row per algorithm, a column per crop and their mean, and in each cell a line per figure.
-///
-/// Algorithms that did not run are left out, unless none did.
+/// The paper's table, and in each cell a line per figure. Rows that did not run are left out, unless none did.
 pub(super) fn for_people(comparison: &Comparison) -> Grid {
-    let factors: Vec<&str> = factors(comparison).into_iter().filter(|factor| *factor != "field").collect();
+    let column_factor = comparison.column_factor;
+    let factors: Vec<&str> = factors(comparison).into_iter().filter(|factor| *factor != column_factor).collect();
     let mut columns: Vec<Column> = factors.iter().chain([&""]).map(|factor| Column::left(*factor)).collect();
-    columns.extend(FIELDS.into_iter().chain([MEAN]).map(Column::right));
-    let all: Vec<&[ComparisonCell]> = comparison.cells.chunks(FIELDS.len() + 1).collect();
+    columns.extend(comparison.columns.iter().map(|label| Column::right(label.as_str())));
+    let all: Vec<&[ComparisonCell]> = comparison.cells.chunks(comparison.columns.len().max(1)).collect();
     let ran = |row: &&&[ComparisonCell]| row.iter().any(|cell| cell.ours.is_some());
     let some_ran = all.iter().any(|row| ran(&row));
     let figures = Figure::of(comparison);
@@ -56,8 +56,10 @@ pub(super) fn for_people(comparison: &Comparison) -> Grid {
         row.extend(cells.iter().map(|cell| entry(comparison, cell, &figures, &mut footnotes)));
         rows.push(row);
     }
-    let mut left_out: Vec<&str> =
-        all.iter().filter(|row| some_ran && !ran(row)).map(|row| row[0].label("algorithm")).collect();
+    let name = |row: &&[ComparisonCell]| {
+        comparison.row_factors.iter().map(|factor| row[0].label(factor)).collect::<Vec<_>>().join(" ")
+    };
+    let mut left_out: Vec<String> = all.iter().filter(|row| some_ran && !ran(row)).map(name).collect();
     left_out.dedup();
     let notes = notes(comparison, &figures, &left_out, !footnotes.is_empty());
     Grid { title: title(comparison), columns, rows, notes, footnotes }
@@ -76,6 +78,7 @@ enum Figure {
     Paper,
     Program,
     Medians,
+    Sums,
 }
 
 impl Figure {
@@ -89,6 +92,7 @@ impl Figure {
             (Self::Paper, true),
             (Self::Program, any(|cell| cell.program.is_some())),
             (Self::Medians, any(|cell| cell.program_median.is_some())),
+            (Self::Sums, any(|cell| cell.sums.is_some())),
         ];
         shown.into_iter().filter(|(_, shown)| *shown).map(|(figure, _)| figure).collect()
     }
@@ -100,31 +104,51 @@ impl Figure {
             Self::Paper => "paper",
             Self::Program => "program",
             Self::Medians => "medians",
+            Self::Sums => "sums",
         }
     }
 }
 
 fn entry(comparison: &Comparison, cell: &ComparisonCell, figures: &[Figure], footnotes: &mut Vec<String>) -> Entry {
-    let show =
-        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| short(value, comparison.measured().decimals));
+    let decimals = cell.metric().decimals;
+    let show = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| finite(value, decimals));
     let ours = cell.ours.as_ref();
     let line = |figure: &Figure| match figure {
         Figure::Ours => show(ours.map(|ours| ours.mean)) + &failures(comparison, cell),
-        Figure::Interval => ours
-            .and_then(|ours| ours.ci95)
-            .map_or_else(String::new, |[low, high]| format!("[{}, {}]", show(Some(low)), show(Some(high)))),
+        Figure::Interval => ours.and_then(|ours| ours.ci95).map_or_else(String::new, |ends| interval(ends, decimals)),
         Figure::Paper => paper(comparison, cell, footnotes),
         Figure::Program => show(cell.program),
-        Figure::Medians if cell.label("field") == MEAN => String::new(),
+        Figure::Medians if cell.kind == Kind::Mean => String::new(),
         Figure::Medians => format!("{} / {}", show(ours.and_then(|ours| ours.median)), show(cell.program_median)),
+        Figure::Sums => cell.sums.map_or_else(String::new, sums),
     };
     Entry::Lines(figures.iter().map(line).collect())
+}
+
+/// A number in a few digits, or that it is beyond all numbers.
+fn finite(value: f64, decimals: u8) -> String {
+    if value.is_finite() { short(value, decimals) } else { "∞".to_owned() }
+}
+
+fn interval([low, high]: [f64; 2], decimals: u8) -> String {
+    format!("[{}, {}]", finite(low, decimals), finite(high, decimals))
+}
+
+/// `9/18, paper 93/138`: ours, and the published ones where they are known.
+fn sums(sums: Sums) -> String {
+    let text = |[above, below]: [f64; 2]| format!("{}/{}", short(above, 0), short(below, 0));
+    let published = sums.published.map_or_else(String::new, |published| format!(", paper {}", text(published)));
+    text(sums.ours) + &published
 }
 
 /// The published value with the verdict; a reason goes below the table.
 fn paper(comparison: &Comparison, cell: &ComparisonCell, footnotes: &mut Vec<String>) -> String {
     let Some(published) = cell.published else { return "-".to_owned() };
-    let mut text = published.to_string();
+    let mut text = match cell.published_runs {
+        Some(runs) => format!("{} (n {runs})", short(published, cell.metric().decimals)),
+        None if cell.sums.is_some_and(|sums| sums.published.is_some()) => short(published, cell.metric().decimals),
+        None => published.to_string(),
+    };
     if let Some(verdict) = cell.verdict.filter(|verdict| *verdict != Verdict::NotRun) {
         text += &format!(" {}", verdict.as_str());
     }
@@ -146,9 +170,35 @@ fn failures(comparison: &Comparison, cell: &ComparisonCell) -> String {
     }
 }
 
-fn notes(comparison: &Comparison, figures: &[Figure], left_out: &[&str], cites: bool) -> Vec<String> {
+/// What the paper says in words: a row per claim.
+pub(super) fn of_claims(comparison: &Comparison) -> Grid {
+    let columns = ["claim", "verdict", "ours", "95 %", "paper"].map(Column::left).into();
+    let row = |cell: &ComparisonCell| {
+        let ours = cell.ours.as_ref();
+        let interval = ours.and_then(|ours| ours.ci95).map_or_else(String::new, |ends| interval(ends, 2));
+        let paper = cell.published.map_or_else(|| "-".to_owned(), |published| short(published, 2));
+        let mean = ours.map_or_else(|| "-".to_owned(), |ours| finite(ours.mean, 2));
+        let verdict = cell.verdict.map_or("", Verdict::as_str);
+        [cell.label(comparison.column_factor), verdict, &mean, &interval, &paper].map(Entry::text).into()
+    };
+    let title = format!("{}: what it says", comparison.citation);
+    let said = comparison.cells.iter().filter(|cell| cell.verdict != Some(Verdict::NotRun));
+    let say = |cell: &ComparisonCell| {
+        format!("{}: {}.", cell.label(comparison.column_factor), cell.note.as_deref().unwrap_or_default())
+    };
+    let mut notes = vec![
+        "Each claim is a figure made of our runs and the side on which it must lie. It holds or does not hold where the \
+         whole 95 % interval (bootstrap over runs) lies on one side, and is undecided otherwise."
+            .to_owned(),
+    ];
+    notes.extend(said.map(say));
+    Grid { title, columns, rows: comparison.cells.iter().map(row).collect(), notes, footnotes: Vec::new() }
+}
+
+fn notes(comparison: &Comparison, figures: &[Figure], left_out: &[String], cites: bool) -> Vec<String> {
     let count = |verdict| comparison.cells.iter().filter(|cell| cell.verdict == Some(verdict)).count();
-    let failures = if comparison.measured().ratio { "" } else { " (successful of finished runs if some failed)" };
+    let beside = comparison.counts_successes && !comparison.measured().ratio;
+    let failures = if beside { " (successful of finished runs if some failed)" } else { "" };
     let mut notes = vec![
         format!("Ours: mean{failures} and its 95 % interval. Paper: its value and the verdict."),
         format!(
@@ -162,7 +212,10 @@ fn notes(comparison: &Comparison, figures: &[Figure], left_out: &[&str], cites: 
     if figures.contains(&Figure::Medians) {
         notes.push("Medians: ours / the program's.".to_owned());
     }
-    if comparison.measured().timing {
+    if figures.contains(&Figure::Sums) {
+        notes.push("Sums: those whose ratio is compared.".to_owned());
+    }
+    if comparison.cells.iter().all(|cell| cell.metric().timing) {
         notes.push("Times are of the machines that ran the sweep, the paper's of its authors' machine.".to_owned());
     }
     if !left_out.is_empty() {

@@ -1,19 +1,21 @@
 //! Published tables with ours beside them.
 //!
-//! Read in this order: `reference` holds what was published, `compare` finds our runs for each published
-//! cell, `verdict` says how the two agree, `reason` why in words, `evidence` which runs show it, `layout` sets
-//! all that in the paper's rows and columns.
+//! Read in this order: `reference` holds what was published, a file per publication, `compare` finds our runs for each
+//! published cell, `verdict` says how the two agree, `reason` why in words, `evidence` which runs show it, `layout` sets
+//! all that in the paper's rows and columns. `claims` checks what a paper says in words.
 //!
 //! # Verdicts
 //! - `inside`: the published value lies within our 95 % interval, ends included. Where the interval is a single
 //!   point, or there is none as for one run, the published value equals our mean.
-//! - `same-ranking`: not inside, but the finder keeps its place. Among the finders that have both a published
+//! - `same-ranking`: not inside, but the row keeps its place. Among the rows that have both a published
 //!   value and one of ours in this column there is at least one other, and for each other one whose published
-//!   value differs from this finder's, our means differ in the same direction.
+//!   value differs from this row's, our means differ in the same direction.
 //! - `different`: neither.
 //! - `not-run`: the sweep has no finished run for this cell (for the mean column: not for all four crops).
+//! - of claims: `holds`, `does-not-hold` or `undecided`, by where the 95 % interval lies.
 //!
-//! Where nothing is published there is no verdict, unless it is `not-run`.
+//! Where nothing is published there is no verdict, unless it is `not-run`. An interval's end that is null is open: of a
+//! distance per intervention, where runs, or too many of the resamples, have no intervention at all.
 //!
 //! # Reasons
 //! A verdict `different` comes with a reason. It says how ours and the published value compare with what the
@@ -22,6 +24,7 @@
 //! its mean and median are apart if that is more. Then it says how
 //! many runs failed and by which outcome, and cites runs by the first digits of their job keys.
 
+mod claims;
 mod compare;
 mod error;
 mod evidence;
@@ -34,8 +37,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::table::{Format, Grid, Metric, SweepData, metric, render};
+use crate::table::{Format, Grid, Metric, Pairs, SweepData, metric, render};
 
+pub use claims::{TABLE as CLAIMS, check};
 pub use compare::compare;
 pub use error::PublicationError;
 pub use evidence::cite;
@@ -61,17 +65,33 @@ pub struct Comparison {
     /// How the program's values were made, for people.
     #[serde(skip)]
     pub(crate) program_source: Option<&'static str>,
-    /// The cells, by algorithm, then field; the field `mean` is the published mean over the fields.
+    /// The factors whose labels make up a row.
+    #[serde(skip)]
+    pub(crate) row_factors: &'static [&'static str],
+    /// The factor, or what else it is, whose labels are the columns.
+    #[serde(skip)]
+    pub(crate) column_factor: &'static str,
+    /// Those labels.
+    #[serde(skip)]
+    pub(crate) columns: Vec<String>,
+    /// Whether averages stand with successful runs.
+    #[serde(skip)]
+    pub(crate) counts_successes: bool,
+    /// The cells, by row, then column: algorithm, then field, in most tables. The field `mean` is the published mean
+    /// over the fields; `view`, `cause` and `part` say what of the same runs was measured.
     pub cells: Vec<ComparisonCell>,
 }
 
 /// A published value with ours beside it.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct ComparisonCell {
-    /// Label by factor: `algorithm`, `field`, and any other factor in which the sweep's runs differ.
+    /// Label by factor: the table's, and any other factor in which the sweep's runs differ.
     pub factors: BTreeMap<String, String>,
     /// The published value; null where nothing is published.
     pub published: Option<f64>,
+    /// Runs behind the published value, where each of them is published.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub published_runs: Option<u64>,
     /// What the authors' program gave in an equivalent simulator; null where that is not known.
     pub program: Option<f64>,
     /// The median over the runs of the authors' program, where `program` is their mean.
@@ -82,6 +102,9 @@ pub struct ComparisonCell {
     pub program_runs: Option<u64>,
     /// Our runs; null where there are none.
     pub ours: Option<Ours>,
+    /// The sums whose ratio is compared, of a ratio of sums.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sums: Option<Sums>,
     /// How the published value and ours agree; null where nothing is published.
     pub verdict: Option<Verdict>,
     /// What else there is to know, in words; for a verdict `different` its reason, with the job keys of runs.
@@ -92,25 +115,58 @@ pub struct ComparisonCell {
     /// Successful and finished runs, for people.
     #[serde(skip)]
     pub(crate) success: Option<(u64, u64)>,
+    /// What makes up its column.
+    #[serde(skip)]
+    pub(crate) kind: reference::Kind,
+    /// The metric whose mean is compared.
+    #[serde(skip)]
+    pub(crate) measured: String,
+    /// The labels of its runs.
+    #[serde(skip)]
+    pub(crate) runs: BTreeMap<String, String>,
 }
 
 impl ComparisonCell {
     fn label(&self, factor: &str) -> &str {
         self.factors.get(factor).map_or("", String::as_str)
     }
+
+    fn metric(&self) -> Metric {
+        metric(&self.measured)
+    }
+}
+
+/// Two sums whose ratio is compared.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct Sums {
+    /// The published ones; null where they are not.
+    pub published: Option<[f64; 2]>,
+    /// Ours.
+    pub ours: [f64; 2],
 }
 
 /// What our runs gave.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct Ours {
-    /// Arithmetic mean; in the column `mean` the mean of the crops' means.
+    /// Arithmetic mean; in the column `mean` the mean of the crops' means; of a ratio of sums that ratio, null where
+    /// the sum below the line is nothing.
     pub mean: f64,
-    /// Median; null in the column `mean`.
+    /// Median; null in the column `mean`, and of a ratio of sums.
     pub median: Option<f64>,
-    /// 95 % interval of the mean; null for one run, unless of a ratio.
+    /// 95 % interval of the mean; null for one run, unless of a ratio. An end that is null is open.
     pub ci95: Option<[f64; 2]>,
     /// Runs.
     pub n: u64,
+}
+
+impl Ours {
+    /// The ratio of the sums with its interval; infinite where there is nothing below the line, none where there is
+    /// nothing at all.
+    fn of_pairs(pairs: &Pairs) -> Option<Self> {
+        let ends = pairs.ends();
+        let mean = pairs.ratio().or_else(|| ends.map(|_| f64::INFINITY))?;
+        Some(Self { mean, median: None, ci95: ends, n: pairs.n() })
+    }
 }
 
 impl Comparison {
@@ -132,7 +188,7 @@ impl Comparison {
     /// The comparison in the paper's rows and columns.
     #[must_use]
     pub fn grid(&self) -> Grid {
-        layout::for_people(self)
+        if self.table == CLAIMS { layout::of_claims(self) } else { layout::for_people(self) }
     }
 }
 
@@ -141,7 +197,8 @@ impl Comparison {
 #[must_use]
 pub fn tables_of(plan: &str, data: &SweepData) -> Vec<(&'static str, &'static str)> {
     let Some(source) = source_of(plan) else { return Vec::new() };
-    reference::of(source).filter(|table| is_measured(table, data)).map(|table| (source, table.name)).collect()
+    let measured = reference::of(source).filter(|table| is_measured(table, data)).map(|table| table.name);
+    measured.chain(claims::exist(source).then_some(CLAIMS)).map(|table| (source, table)).collect()
 }
 
 /// The tables of times of the publication to which `plan` belongs that the sweep has not measured.
@@ -156,7 +213,8 @@ fn source_of(plan: &str) -> Option<&'static str> {
 }
 
 fn is_measured(table: &reference::Reference, data: &SweepData) -> bool {
-    !table.is_timing() || data.cells.iter().any(|cell| cell.metrics.contains_key(table.measured()))
+    let measured = |metric: &str| data.cells.iter().any(|cell| cell.metrics.contains_key(metric));
+    !table.is_timing() || table.columns.iter().any(|column| measured(&column.measured))
 }
 
 /// Whether a published table is one of times. Not, if it is unknown.

@@ -9,10 +9,10 @@ use crate::table::short;
 
 /// Fills in note and, for a verdict `different`, the reason; the note may hold what was said before.
 pub(super) fn explain(reference: &Reference, cell: &mut ComparisonCell) {
-    let decimals = reference.metric().decimals;
+    let decimals = cell.metric().decimals;
     let different = cell.verdict == Some(Verdict::Different);
     let program = if different { beside_program(reference, cell) } else { apart_from_program(cell) };
-    let reasons = [failures(cell, reference), cell.note.take(), program, unpublished(cell)];
+    let reasons = [failures(cell), cell.note.take(), program, unpublished(reference, cell)];
     let reasons = joined(reasons.into_iter().flatten());
     cell.note = joined([beside(cell, decimals), reasons.clone()].into_iter().flatten());
     cell.reason = reasons.filter(|_| different);
@@ -43,12 +43,12 @@ fn beside(cell: &ComparisonCell, decimals: u8) -> Option<String> {
 }
 
 /// No average stands without its failures; the reason of a verdict `different` gets them by outcome.
-fn failures(cell: &ComparisonCell, reference: &Reference) -> Option<String> {
+fn failures(cell: &ComparisonCell) -> Option<String> {
     if cell.verdict == Some(Verdict::Different) {
         return None;
     }
     let (successes, runs) = cell.success.filter(|(successes, runs)| successes < runs)?;
-    (reference.measured() != "success").then(|| format!("{successes} of {runs} runs successful"))
+    (cell.measured != "success").then(|| format!("{successes} of {runs} runs successful"))
 }
 
 /// Where paper and program disagree by more than a factor of two, ours cannot meet both.
@@ -64,8 +64,8 @@ fn beside_program(reference: &Reference, cell: &ComparisonCell) -> Option<String
     if reference.is_timing() {
         return Some("times of different machines".to_owned());
     }
-    let program = reference.program(cell.label("algorithm"), cell.label("field"))?;
-    let named = format!("the authors' own program ({})", described(&program, reference.metric().decimals));
+    let program = program(reference, cell)?;
+    let named = format!("the authors' own program ({})", described(&program, cell.metric().decimals));
     let Some((ours_agrees, paper_agrees)) = agreement(published, &ours, &program) else {
         return Some(format!("one run is too few to tell whether it agrees with {named}"));
     };
@@ -77,6 +77,13 @@ fn beside_program(reference: &Reference, cell: &ComparisonCell) -> Option<String
             format!("neither ours nor the published value agrees with {named}{}", times(published, &ours, &program))
         }
     })
+}
+
+fn program(reference: &Reference, cell: &ComparisonCell) -> Option<ProgramValue> {
+    let at = |factor: &&str| cell.label(factor).to_owned();
+    let row: Vec<String> = reference.row_factors.iter().map(at).collect();
+    let column = cell.label(reference.column_factor);
+    reference.cells.iter().find(|known| known.row == row && known.column == column)?.program
 }
 
 fn described(program: &ProgramValue, decimals: u8) -> String {
@@ -109,6 +116,6 @@ fn factor(factor: f64) -> String {
     short(factor, if factor >= 10.0 { 0 } else { 2 })
 }
 
-fn unpublished(cell: &ComparisonCell) -> Option<String> {
-    cell.published.is_none().then(|| "announced in the paper's method, but not in its tables".to_owned())
+fn unpublished(reference: &Reference, cell: &ComparisonCell) -> Option<String> {
+    cell.published.is_none().then(|| reference.unpublished.to_owned())
 }

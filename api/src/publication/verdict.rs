@@ -12,12 +12,18 @@ use crate::table::student_interval;
 pub enum Verdict {
     /// The published value lies within our 95 % interval.
     Inside,
-    /// It does not, but the finder keeps its place among the others.
+    /// It does not, but the row keeps its place among the others.
     SameRanking,
     /// Neither.
     Different,
     /// We have no run to compare.
     NotRun,
+    /// Of a claim: our 95 % interval lies on its side.
+    Holds,
+    /// Of a claim: our 95 % interval lies on the other side.
+    DoesNotHold,
+    /// Of a claim: our 95 % interval lies on both sides, or there is none.
+    Undecided,
 }
 
 impl Verdict {
@@ -29,14 +35,17 @@ impl Verdict {
             Self::SameRanking => "same-ranking",
             Self::Different => "different",
             Self::NotRun => "not-run",
+            Self::Holds => "holds",
+            Self::DoesNotHold => "does-not-hold",
+            Self::Undecided => "undecided",
         }
     }
 }
 
-/// A finder's published value and our mean.
+/// A row's published value and our mean.
 pub(super) type Pair = (f64, f64);
 
-/// The verdict on `published` and `ours`, with the other finders that have both in the same column.
+/// The verdict on `published` and `ours`, with the other rows that have both in the same column.
 pub(super) fn judge(published: f64, ours: &Ours, others: &[Pair]) -> Verdict {
     if inside(published, ours) {
         Verdict::Inside
@@ -54,7 +63,7 @@ fn inside(published: f64, ours: &Ours) -> bool {
     }
 }
 
-/// Whether each other finder whose published value differs is on the same side of this one in ours.
+/// Whether each other row whose published value differs is on the same side of this one in ours.
 fn keeps_its_place((published, ours): Pair, others: &[Pair]) -> bool {
     let agrees = |(their_published, their_ours): &Pair| {
         let order = published.total_cmp(their_published);

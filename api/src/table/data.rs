@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use furrow_coordinator::moments::{METRIC_LIMIT, Moments};
 use furrow_coordinator::view::{CellSummary, CellValues};
 
+use super::metric::{OfSums, ratios_of_sums};
+use super::pairs::Pairs;
+
 /// The results of a sweep so far.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SweepData {
@@ -27,6 +30,8 @@ pub struct CellData {
     pub failed: u64,
     /// What was measured, by metric.
     pub metrics: BTreeMap<String, Series>,
+    /// Numerators and denominators of the ratios of sums, by ratio; none when only the moments were asked for.
+    pub ratios: BTreeMap<&'static str, Pairs>,
 }
 
 /// One metric over many runs.
@@ -63,7 +68,7 @@ impl Series {
 
 impl SweepData {
     /// The data of a sweep from the store's answers: `summaries` of all cells, and `values` of all cells or,
-    /// when neither medians nor times are asked for, of none.
+    /// when neither medians nor times nor ratios of sums are asked for, of none.
     ///
     /// The two answers may be of different moments while the sweep runs: where a cell's values are at hand,
     /// they alone are counted.
@@ -86,12 +91,18 @@ impl CellData {
         let CellSummary { factors, total, done, failed, metrics, .. } = summary;
         let Some(values) = values else {
             let metrics = metrics.into_iter().map(|(name, moments)| (name, Series { moments, values: None })).collect();
-            return Self { factors, total, done, failed, metrics };
+            return Self { factors, total, done, failed, metrics, ratios: BTreeMap::new() };
         };
         let done = values.jobs.len() as u64;
+        let pairs = |name: &str, other: &str| {
+            let columns = values.metrics.get(name)?.iter().zip(values.metrics.get(other)?);
+            Some(Pairs::of(columns.filter_map(|(value, other)| Some([(*value)?, (*other)?]))))
+        };
+        let ratio = |(name, of): (&'static str, OfSums)| Some((name, pairs(of.numerator, of.denominator)?));
+        let ratios = ratios_of_sums().filter_map(ratio).collect();
         let columns = values.metrics.into_iter().chain(values.timings);
         let metrics = columns.map(|(name, column)| (name, Series::of(column.into_iter().flatten()))).collect();
-        Self { factors, total: total.max(done), done, failed, metrics }
+        Self { factors, total: total.max(done), done, failed, metrics, ratios }
     }
 }
 
@@ -126,6 +137,23 @@ mod tests {
         assert_eq!(data.cells[1].done, 2);
         assert_eq!(data.cells[1].metrics["x_m"].values, Some(vec![3.0]));
         assert_eq!(data.cells[1].metrics["line_finding_time_ms"].moments.mean(), Some(0.5));
+    }
+
+    #[test]
+    fn a_ratio_of_sums_takes_the_runs_that_have_both() {
+        let values = CellValues {
+            position: 1,
+            jobs: [1, 2, 3].map(furrow_schema::id::JobId).into(),
+            metrics: BTreeMap::from([
+                ("distance_m".into(), vec![Some(220.0), None, Some(30.0)]),
+                ("relevant_interventions".into(), vec![Some(2.0), Some(1.0), Some(0.0)]),
+            ]),
+            ..CellValues::default()
+        };
+        let data = SweepData::new(vec!["field".into()], vec![summary(1, &[1.0])], vec![values]);
+        let ratios = &data.cells[0].ratios;
+        assert_eq!(ratios.keys().collect::<Vec<_>>(), [&"distance_per_intervention_m"]);
+        assert_eq!(ratios["distance_per_intervention_m"], Pairs::of([[220.0, 2.0], [30.0, 0.0]]));
     }
 
     #[test]

@@ -6,12 +6,14 @@
 //!
 //! A table is a function of the set of results: the order in which they came leaves no trace.
 
+mod bootstrap;
 mod data;
 mod error;
 mod grid;
 mod layout;
 mod metric;
 mod number;
+mod pairs;
 mod query;
 mod render;
 mod statistics;
@@ -20,11 +22,13 @@ mod tabulate;
 pub use data::{CellData, Series, SweepData};
 pub use error::TableError;
 pub use grid::{Align, Column, Entry, Grid};
-pub use metric::{Metric, metric};
+pub use metric::{Metric, OfSums, metric};
+pub use pairs::Pairs;
 pub use query::{Format, Query, Statistic};
 pub use render::render;
 pub use statistics::{student_interval, summarize, wilson_interval};
 pub use tabulate::{Table, tabulate};
 
+pub(crate) use bootstrap::{Contrast, interval};
 pub(crate) use number::{short, superscript};
 pub(crate) use statistics::median;

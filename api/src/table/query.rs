@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::error::TableError;
-use super::metric::metric;
+use super::metric::{Metric, metric};
 
 /// A question for a table. The default asks for everything.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -42,12 +42,12 @@ impl Query {
         })
     }
 
-    /// Whether single values are needed: for medians and times. Everything else comes from the cells' moments.
+    /// Whether single values are needed: for medians, times and ratios of sums. Everything else comes from the cells' moments.
     #[must_use]
     pub fn needs_values(&self) -> bool {
         let median = self.statistics.as_ref().is_none_or(|statistics| statistics.contains(&Statistic::Median));
-        let timing = self.metrics.as_ref().is_none_or(|names| names.iter().any(|name| metric(name).timing));
-        median || timing
+        let by_value = |metric: &Metric| metric.timing || metric.of_sums.is_some();
+        median || self.metrics.as_ref().is_none_or(|names| names.iter().any(|name| by_value(&metric(name))))
     }
 }
 
@@ -179,11 +179,12 @@ mod tests {
     }
 
     #[test]
-    fn single_values_are_fetched_only_for_medians_and_times() {
+    fn single_values_are_fetched_only_for_medians_times_and_ratios_of_sums() {
         let needs = |metric, statistic| Query::from_words(None, metric, None, statistic).unwrap().needs_values();
         assert!(needs(None, None));
         assert!(needs(Some("success"), None));
         assert!(needs(Some("line_finding_time_ms"), Some("mean")));
+        assert!(needs(Some("distance_per_intervention_m"), Some("mean")));
         assert!(!needs(Some("success,simulated_s"), Some("mean,ci95")));
     }
 }

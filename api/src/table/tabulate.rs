@@ -10,6 +10,7 @@ use super::error::TableError;
 use super::grid::Grid;
 use super::layout::{for_people, for_programs};
 use super::metric::{Metric, SUCCESS, listed, metric, order};
+use super::pairs::Pairs;
 use super::query::{Format, Query, Statistic};
 use super::render::render;
 use super::statistics::summarize;
@@ -73,7 +74,10 @@ fn factors(data: &SweepData, query: &Query) -> Result<Vec<String>, TableError> {
 /// The metrics asked for, `success_ratio` standing for `success` too; all that are there when none is named.
 /// One that has a place in tables but no values (yet) is not unknown.
 fn metrics(data: &SweepData, query: &Query) -> Result<Vec<String>, TableError> {
-    let mut present: Vec<String> = data.cells.iter().flat_map(|cell| cell.metrics.keys()).cloned().collect();
+    let of_cell = |cell: &CellData| -> Vec<String> {
+        cell.metrics.keys().cloned().chain(cell.ratios.keys().map(|name| (*name).to_owned())).collect()
+    };
+    let mut present: Vec<String> = data.cells.iter().flat_map(of_cell).collect();
     sort_metrics(&mut present);
     let Some(asked) = &query.metrics else { return Ok(present) };
     let mut allowed: Vec<String> = listed().map(str::to_owned).chain(present).collect();
@@ -133,11 +137,18 @@ fn add(group: &mut CellData, cell: &CellData, metrics: &[String]) {
     for (name, series) in cell.metrics.iter().filter(|(name, _)| wanted(name)) {
         group.metrics.entry(name.clone()).or_default().merge(series);
     }
+    for (name, pairs) in cell.ratios.iter().filter(|(name, _)| metrics.iter().any(|asked| asked == **name)) {
+        group.ratios.entry(name).or_default().merge(pairs);
+    }
 }
 
 fn cell(group: CellData, metrics: &[Metric]) -> Cell {
     let empty = Series::default();
     let of = |metric: &Metric| {
+        if metric.of_sums.is_some() {
+            let pairs = group.ratios.get(metric.name.as_ref()).map(Pairs::summarize);
+            return (metric.name.to_string(), pairs.unwrap_or_default());
+        }
         let series = group.metrics.get(metric.name.as_ref()).unwrap_or(&empty);
         (metric.name.to_string(), summarize(series, metric.ratio))
     };
@@ -197,6 +208,7 @@ mod tests {
                 ("mean_squared_error_mm2".into(), Series::of(errors.iter().copied())),
                 ("success".into(), Series::of(successes.iter().copied())),
             ]),
+            ratios: BTreeMap::new(),
         }
     }
 
@@ -277,6 +289,46 @@ mod tests {
     fn a_metric_that_has_no_values_yet_is_there_with_none() {
         let times = table(None, Some("line_finding_time_ms"), None, None);
         assert_eq!(times.cells[0].metrics["line_finding_time_ms"], Statistics::default());
+    }
+
+    /// Two lanes, one with an intervention every 50 m, one with a longer run and none.
+    fn lanes() -> SweepData {
+        let lane = |field: &str, pairs: &[[f64; 2]]| CellData {
+            factors: BTreeMap::from([("field".into(), field.into())]),
+            total: pairs.len() as u64,
+            done: pairs.len() as u64,
+            metrics: BTreeMap::from([("distance_m".into(), Series::of(pairs.iter().map(|[distance, _]| *distance)))]),
+            ratios: BTreeMap::from([("distance_per_intervention_m", Pairs::of(pairs.iter().copied()))]),
+            ..CellData::default()
+        };
+        let cells = vec![lane("lane-a", &[[100.0, 2.0], [100.0, 2.0]]), lane("lane-b", &[[400.0, 0.0]])];
+        SweepData { factors: vec!["field".into()], cells }
+    }
+
+    #[test]
+    fn a_ratio_of_sums_pools_the_sums_of_the_cells_put_together() {
+        let of = |group_by| {
+            let query = Query::from_words(group_by, Some("distance_per_intervention_m"), None, None).unwrap();
+            tabulate(&lanes(), &query).unwrap().cells_json()
+        };
+        let single = of(None);
+        let expected =
+            json!({"n": 2, "mean": 50.0, "std": null, "median": null, "min": null, "max": null, "ci95": [50.0, 50.0]});
+        assert_eq!(single[0]["metrics"]["distance_per_intervention_m"], expected);
+        let without = &single[1]["metrics"]["distance_per_intervention_m"];
+        assert_eq!((&without["n"], &without["mean"], &without["ci95"]), (&json!(1), &json!(null), &json!(null)));
+        let pooled = &of(Some(""))[0]["metrics"]["distance_per_intervention_m"];
+        assert_eq!((&pooled["n"], &pooled["mean"]), (&json!(3), &json!(150.0)), "600 m and 4 interventions");
+    }
+
+    #[test]
+    fn a_ratio_of_sums_is_in_every_format_without_being_asked_for() {
+        let table = tabulate(&lanes(), &Query::default()).unwrap();
+        assert!(table.write(Format::Csv).contains("distance_per_intervention_m_mean"));
+        for format in [Format::Md, Format::Latex, Format::Text] {
+            let text = table.write(format);
+            assert!(text.contains("distance per intervention [m]") && text.contains("50.0"), "{text}");
+        }
     }
 
     fn assert_formats(name: &str, table: &Table) {
