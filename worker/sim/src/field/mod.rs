@@ -114,7 +114,7 @@ pub struct Field {
     pub inter_rows: u32,
     /// Positions count into the squared error where x lies in this range \[m\]; none: 1 m inside the row's extent.
     pub error_range_x_m: Option<[f64; 2]>,
-    /// The lane that the robot is to follow, where the field is one; its first inter-row may then be another.
+    /// The lane that the robot is to follow, where the field is one: not necessarily its first inter-row.
     pub lane: Option<Lane>,
 }
 

@@ -108,7 +108,7 @@ impl Ribbon {
             let range_m = cross * per;
             let share = (x * sin - y * cos) * per;
             let height_m = plane.height_m + range_m * rise;
-            let on_it = (share >= 0.0) & (share <= 1.0) & (height_m >= low_m) & (height_m <= high_m);
+            let on_it = (0.0..=1.0).contains(&share) & (low_m..=high_m).contains(&height_m);
             let hit = on_it & (range_m >= self.closest_m) & (range_m < *first_m);
             *first_m = if hit { range_m } else { *first_m };
         }

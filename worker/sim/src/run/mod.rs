@@ -1,6 +1,6 @@
 //! One run: the closed loop, in fixed steps, a pure function of scenario and seed.
 //!
-//! [`rows`] is the loop of a robot that drives from inter-row to inter-row, [`lane`] of one that follows a lane.
+//! `rows` is the loop of a robot that drives from inter-row to inter-row, `lane` of one that follows a lane.
 
 mod lane;
 mod rows;

@@ -52,16 +52,20 @@ impl Sowing<'_> {
         let stream = |name: &str| Stream::new(seed, &format!("field-{name}-{}", self.index));
         let [mut stems, mut leaves, mut stalks] = ["stems", "leaves", "stalks"].map(stream);
         let bare_m = self.bare_stretches(&mut stream("bare"));
+        let mut hanging = Vec::new();
         let mut along_m = stems.between(0.0, SPACING_M);
         while along_m <= self.preset.length_m {
             let plant = self.plant(along_m, &mut stems);
             let fails = stems.uniform() < FAILED_SHARE;
-            let leaf = self.leaf(&plant, &mut leaves);
+            // On average as many as there should be: a whole number, and one more by chance.
+            let n = (self.leaves_per_m * SPACING_M + leaves.uniform()) as usize;
+            hanging.clear();
+            hanging.extend((0..n).map(|_| (along_m, leaf(&plant, &mut leaves))));
             let stalk = self.stalk(&plant, &mut stalks);
             let is_in = |stretches: &[[f64; 2]]| stretches.iter().any(|[from, to]| (*from..*to).contains(&along_m));
             if !fails && !is_in(self.gaps_m) && !is_in(&bare_m) {
                 plants.push((along_m, plant));
-                foliage.extend(leaf.map(|leaf| (along_m, leaf)));
+                foliage.append(&mut hanging);
             }
             if !is_in(self.gaps_m) {
                 foliage.extend(stalk.map(|stalk| (along_m, stalk)));
@@ -95,15 +99,6 @@ impl Sowing<'_> {
         stretches
     }
 
-    fn leaf(&self, plant: &Plant, random: &mut Stream) -> Option<Foliage> {
-        let hangs = random.uniform() < self.leaves_per_m * SPACING_M;
-        let (length_m, low_m) = (pick(LEAF_LENGTH_M, random), pick(LEAF_LOW_M, random));
-        let direction_rad = random.between(-PI, PI);
-        let high_m = low_m + pick(LEAF_EXTENT_M, random);
-        let leaf = ribbon([plant.x_m, plant.y_m], direction_rad, length_m, [low_m, high_m], FoliageKind::Leaf);
-        hangs.then_some(leaf)
-    }
-
     fn stalk(&self, plant: &Plant, random: &mut Stream) -> Option<Foliage> {
         let falls = random.uniform() < self.stalks_per_m * SPACING_M;
         let (length_m, high_m) = (pick(STALK_LENGTH_M, random), pick(STALK_HIGH_M, random));
@@ -111,6 +106,13 @@ impl Sowing<'_> {
         let stalk = ribbon([plant.x_m, plant.y_m], direction_rad, length_m, [0.0, high_m], FoliageKind::Stalk);
         falls.then_some(stalk)
     }
+}
+
+fn leaf(plant: &Plant, random: &mut Stream) -> Foliage {
+    let (length_m, low_m) = (pick(LEAF_LENGTH_M, random), pick(LEAF_LOW_M, random));
+    let direction_rad = random.between(-PI, PI);
+    let high_m = low_m + pick(LEAF_EXTENT_M, random);
+    ribbon([plant.x_m, plant.y_m], direction_rad, length_m, [low_m, high_m], FoliageKind::Leaf)
 }
 
 /// Weeds in the lane between `across_m`, on average `per_m` of them a metre \[1/m\].
