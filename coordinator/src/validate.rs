@@ -97,9 +97,15 @@ fn is_kebab(word: &str, max_bytes: usize) -> bool {
     word.len() <= max_bytes && word.split('-').all(part)
 }
 
+/// A decimal point may stand between digits, as in `within_0.05m_percent`.
 fn is_snake(name: &str) -> bool {
-    let good = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_';
-    name.len() <= MAX_METRIC_NAME_BYTES && name.starts_with(|c: char| c.is_ascii_lowercase()) && name.bytes().all(good)
+    let good = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_' || b == b'.';
+    let between_digits = |at: &[u8]| at[1] != b'.' || (at[0].is_ascii_digit() && at[2].is_ascii_digit());
+    name.len() <= MAX_METRIC_NAME_BYTES
+        && name.starts_with(|c: char| c.is_ascii_lowercase())
+        && !name.ends_with('.')
+        && name.bytes().all(good)
+        && name.as_bytes().windows(3).all(between_digits)
 }
 
 fn ensure(holds: bool, detail: impl FnOnce() -> String) -> Checked {
@@ -127,6 +133,14 @@ mod tests {
         change(&mut record);
         let run = RunReport { job: JobId(1), attempt: 1, ended: RunEnd::Done(record) };
         report(&Report { engine: EngineId([0; 32]), runs: vec![run] }).is_err()
+    }
+
+    #[test]
+    fn a_metric_s_name_may_hold_a_decimal_point_between_digits() {
+        assert!(is_snake("within_0.05m_percent") && is_snake("distance_m"));
+        for wrong in ["within_.5m", "a.b", "within_0.", "0.5m", "a_0..5", "Within_m", ""] {
+            assert!(!is_snake(wrong), "{wrong}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! A claim is data: a figure made of one or more groups of runs, and the side of a limit on which it must lie. It
 //! `holds` if the whole 95 % interval of the figure lies there, does `not hold` if the whole of it lies on the other
-//! side, and is `undecided` in between or where there is no interval. The interval is the bootstrap's over runs; the
+//! side, and is `undecided` in between, where there is no interval, and where a group has fewer than three runs. The interval is the bootstrap's over runs; the
 //! groups are drawn independently of each other, also where seeds met the same lanes in both, which makes the
 //! interval rather too wide than too narrow.
 //!
@@ -22,6 +22,9 @@ use crate::table::{CellData, Contrast, Pairs, Series, SweepData, interval, metri
 
 /// The table of the claims in a URL.
 pub const TABLE: &str = "claims";
+
+/// A group of fewer runs decides nothing: their spread says too little of that of others.
+const FEWEST: u64 = 3;
 
 static FILES: LazyLock<Vec<(&'static str, File)>> = LazyLock::new(|| {
     [("velasquez2022", include_str!("../../reference/velasquez2022-claims.json"))]
@@ -126,7 +129,8 @@ impl Claim {
         // NaN is null in JSON, as infinity is: there is nothing below the line.
         let mean = self.contrast().of(&groups).or_else(|| ends.map(|ends| ends[1])).unwrap_or(f64::NAN);
         let n = groups.iter().map(|group| group.n()).sum();
-        let verdict = ends.map_or(Verdict::Undecided, |ends| self.verdict(ends));
+        let few = groups.iter().any(|group| group.n() < FEWEST);
+        let verdict = ends.filter(|_| !few).map_or(Verdict::Undecided, |ends| self.verdict(ends));
         Some(ComparisonCell {
             ours: Some(Ours { mean, median: None, ci95: ends, n }),
             note: Some(format!("{}; {}", self.words(), self.reason(&groups, ends, verdict))),
@@ -211,6 +215,7 @@ impl Claim {
         };
         let decided = match (verdict, ends) {
             (_, None) => "too few runs for an interval",
+            _ if groups.iter().any(|group| group.n() < FEWEST) => "too few runs to decide",
             (Verdict::Undecided, _) => "the interval lies on both sides",
             _ => "the interval lies on one side",
         };
