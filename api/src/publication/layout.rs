@@ -181,18 +181,23 @@ pub(super) fn of_claims(comparison: &Comparison) -> Grid {
         let verdict = cell.verdict.map_or("", Verdict::as_str);
         [cell.label(comparison.column_factor), verdict, &mean, &interval, &paper].map(Entry::text).into()
     };
-    let title = format!("{}: what it says", comparison.citation);
-    let said = comparison.cells.iter().filter(|cell| cell.verdict != Some(Verdict::NotRun));
-    let say = |cell: &ComparisonCell| {
-        format!("{}: {}.", cell.label(comparison.column_factor), cell.note.as_deref().unwrap_or_default())
-    };
+    let name = |cell: &ComparisonCell| cell.label(comparison.column_factor).to_owned();
+    let (said, not_run): (Vec<_>, Vec<_>) =
+        comparison.cells.iter().partition(|cell| cell.verdict != Some(Verdict::NotRun));
+    let say = |cell: &&ComparisonCell| format!("{}: {}.", name(cell), cell.note.as_deref().unwrap_or_default());
     let mut notes = vec![
         "Each claim is a figure made of our runs and the side on which it must lie. It holds or does not hold where the \
          whole 95 % interval (bootstrap over runs) lies on one side, and is undecided otherwise."
             .to_owned(),
     ];
-    notes.extend(said.map(say));
-    Grid { title, columns, rows: comparison.cells.iter().map(row).collect(), notes, footnotes: Vec::new() }
+    notes.extend(said.iter().map(say));
+    let shown = if said.is_empty() { &not_run } else { &said };
+    if !said.is_empty() && !not_run.is_empty() {
+        let names: Vec<_> = not_run.iter().map(|cell| name(cell)).collect();
+        notes.push(format!("Not run: {}.", names.join(", ")));
+    }
+    let title = format!("{}: what it says", comparison.citation);
+    Grid { title, columns, rows: shown.iter().map(|cell| row(cell)).collect(), notes, footnotes: Vec::new() }
 }
 
 fn notes(comparison: &Comparison, figures: &[Figure], left_out: &[String], cites: bool) -> Vec<String> {

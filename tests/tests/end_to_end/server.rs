@@ -140,9 +140,14 @@ impl Server {
 
     /// All jobs of a sweep.
     pub(crate) async fn jobs(&self, sweep: i64) -> Vec<Value> {
-        let page = self.json(&format!("/v1/jobs?sweep={sweep}&limit=1000")).await;
-        assert_eq!(page["next"], Value::Null, "these tests fit one page");
-        page["items"].as_array().unwrap().clone()
+        let mut jobs = Vec::new();
+        let mut after = String::new();
+        loop {
+            let page = self.json(&format!("/v1/jobs?sweep={sweep}&limit=1000{after}")).await;
+            jobs.extend_from_slice(page["items"].as_array().unwrap());
+            let Some(next) = page["next"].as_str() else { return jobs };
+            after = format!("&after={next}");
+        }
     }
 
     /// How often each job of a sweep was handed out, by its number.
