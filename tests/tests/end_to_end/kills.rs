@@ -59,7 +59,8 @@ async fn progress(server: &Server, sweep: i64, before: u64) -> u64 {
 #[tokio::test]
 async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_nothing() {
     let directory = directory();
-    let plan_of_it = plan(20.0, 10 + 2 * kills());
+    // Each worker reports once a second: from one kill to the next some runs end, but by far not all.
+    let plan_of_it = plan(100.0, 10 + 2 * kills());
     let (plan_file, undisturbed) = (file(&directory, "plan.json", &plan_of_it), path(&directory, "undisturbed.db"));
     process::json(&["run", &plan_file, "--db", &undisturbed, "--threads", "2", "--json"]).await;
     let undisturbed = Server::start(&undisturbed, 0).await;

@@ -24,7 +24,7 @@ use super::world::World;
 const SPOOL_BYTES: u64 = 1 << 20;
 
 /// Runs that end are in the spool after so long.
-const GATHERED_MS: i64 = 300;
+const GATHERED_MS: i64 = 1_050;
 /// Begins every record of a spool, and the content of a run's.
 const MARK: &[u8] = b"\xF7run";
 const RUN_ENDED: &[u8] = br#"{"ended":"#;
