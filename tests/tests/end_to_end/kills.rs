@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use serde_json::{Value, json};
 use sqlx::SqlitePool;
 
-use crate::plan::{directory, file, path, plan};
-use crate::process::{self, Running};
+use crate::plan::{directory, path, plan};
+use crate::process::Running;
 use crate::server::Server;
 use crate::survival::number;
 
@@ -61,10 +61,13 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
     let directory = directory();
     // Each worker reports once a second: from one kill to the next some runs end, but by far not all.
     let plan_of_it = plan(100.0, 10 + 2 * kills());
-    let (plan_file, undisturbed) = (file(&directory, "plan.json", &plan_of_it), path(&directory, "undisturbed.db"));
-    process::json(&["run", &plan_file, "--db", &undisturbed, "--threads", "2", "--json"]).await;
-    let undisturbed = Server::start(&undisturbed, 0).await;
-    let (expected, digests) = (table(&undisturbed, 1).await, undisturbed.digests(1).await);
+    let undisturbed = Server::start(&path(&directory, "undisturbed.db"), 2).await;
+    let sweep = undisturbed.submit(&json!({"plan": plan_of_it})).await;
+    let mut done = 0;
+    while undisturbed.json(&format!("/v1/sweeps/{sweep}")).await["state"] != "done" {
+        done = progress(&undisturbed, sweep, done).await;
+    }
+    let (expected, digests) = (table(&undisturbed, sweep).await, undisturbed.digests(sweep).await);
     drop(undisturbed);
 
     let db = path(&directory, "served.db");
