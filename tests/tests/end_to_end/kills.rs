@@ -56,6 +56,15 @@ async fn progress(server: &Server, sweep: i64, before: u64) -> u64 {
     server.until(&format!("/v1/sweeps/{sweep}"), further).await
 }
 
+/// Waits for the end of a sweep however long it is, as long as it gets further; the sweep.
+async fn ended(server: &Server, sweep: i64) -> Value {
+    let mut done = 0;
+    while server.json(&format!("/v1/sweeps/{sweep}")).await["state"] != "done" {
+        done = progress(server, sweep, done).await;
+    }
+    server.done(sweep).await
+}
+
 #[tokio::test]
 async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_nothing() {
     let directory = directory();
@@ -63,10 +72,7 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
     let plan_of_it = plan(100.0, 10 + 2 * kills());
     let undisturbed = Server::start(&path(&directory, "undisturbed.db"), 2).await;
     let sweep = undisturbed.submit(&json!({"plan": plan_of_it})).await;
-    let mut done = 0;
-    while undisturbed.json(&format!("/v1/sweeps/{sweep}")).await["state"] != "done" {
-        done = progress(&undisturbed, sweep, done).await;
-    }
+    ended(&undisturbed, sweep).await;
     let (expected, digests) = (table(&undisturbed, sweep).await, undisturbed.digests(sweep).await);
     drop(undisturbed);
 
@@ -91,7 +97,7 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
     }
     assert_eq!(in_time, kills(), "the sweep went on from each kill to the next");
 
-    let ended = server.done(sweep).await;
+    let ended = ended(&server, sweep).await;
     assert_eq!((&ended["done"], ended["failed"].as_u64()), (&ended["total"], Some(0)), "{ended}");
     assert_eq!(table(&server, sweep).await, expected);
     assert_eq!(server.digests(sweep).await, digests);
