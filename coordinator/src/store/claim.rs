@@ -16,11 +16,11 @@ use crate::store::{scenario, to_json, unsigned, verification};
 /// A worker that found nothing asks again after this long \[ms\], unless it hears sooner that there may be something.
 const RETRY_AFTER_MS: u64 = 1_000;
 
-/// While others are there, a claim gets this part of what would be its even share, so that they end at about one time.
+/// While others are there, a claim gets an even share of what is left over this, so that all end at about one time.
 const PART_OF_SHARE: u32 = 2;
-/// A claim has its price: it gets this part of what it asks for, however little is left.
+/// A claim has its price: it gets what it asks for over this at least, as far as there is so much.
 const LEAST_PART: u32 = 8;
-/// With more jobs than this in the queue nothing is shared out.
+/// With so many jobs in the queue or more nothing is shared out.
 const MUCH: u32 = 4_096;
 
 /// An earlier claim of the same request.
@@ -68,7 +68,7 @@ pub(crate) struct Terms {
     pub(crate) now_ms: i64,
     /// Whether verifications may wait, and whose they are.
     pub(crate) verify: Option<Verify>,
-    /// How many workers there are.
+    /// How many workers were heard of lately.
     pub(crate) workers: u32,
 }
 
