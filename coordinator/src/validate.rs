@@ -63,7 +63,7 @@ fn check_record(record: &RunRecord) -> Checked {
 fn check_metrics(place: &str, metrics: &BTreeMap<String, f64>) -> Checked {
     ensure(metrics.len() <= MAX_METRICS, || format!("`{place}` holds more than {MAX_METRICS}"))?;
     for (name, value) in metrics {
-        ensure(is_snake(name), || {
+        ensure(is_metric_name(name), || {
             format!("`{place}` holds a name that is not snake_case of at most {MAX_METRIC_NAME_BYTES} characters")
         })?;
         ensure(value.abs() <= METRIC_LIMIT, || format!("`{place}.{name}` is not a number up to {METRIC_LIMIT:e}"))?;
@@ -98,7 +98,7 @@ fn is_kebab(word: &str, max_bytes: usize) -> bool {
 }
 
 /// A decimal point may stand between digits, as in `within_0.05m_percent`.
-fn is_snake(name: &str) -> bool {
+fn is_metric_name(name: &str) -> bool {
     let good = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_' || b == b'.';
     let between_digits = |at: &[u8]| at[1] != b'.' || (at[0].is_ascii_digit() && at[2].is_ascii_digit());
     name.len() <= MAX_METRIC_NAME_BYTES
@@ -137,9 +137,9 @@ mod tests {
 
     #[test]
     fn a_metric_s_name_may_hold_a_decimal_point_between_digits() {
-        assert!(is_snake("within_0.05m_percent") && is_snake("distance_m"));
+        assert!(is_metric_name("within_0.05m_percent") && is_metric_name("distance_m"));
         for wrong in ["within_.5m", "a.b", "within_0.", "0.5m", "a_0..5", "Within_m", ""] {
-            assert!(!is_snake(wrong), "{wrong}");
+            assert!(!is_metric_name(wrong), "{wrong}");
         }
     }
 

@@ -231,4 +231,23 @@ mod tests {
         );
         assert!(refused(set("eyes", &[]).unwrap_err()).starts_with("--perception: `eyes` is unknown, allowed is `pl`"));
     }
+
+    /// Prints the errors on the scans of the file that `FURROW_REAL_SCANS` names, lanes of 0.6 m: for eyes.
+    #[test]
+    fn real_scans_are_evaluated_if_a_file_is_named() {
+        let Some(file) = std::env::var_os("FURROW_REAL_SCANS") else {
+            return eprintln!("skipped: FURROW_REAL_SCANS names no file of labelled scans");
+        };
+        let scans = read(Path::new(&file)).unwrap();
+        let prior = Feed::HeadingPrior { noise_rad: 5.0_f64.to_radians() };
+        for kind in Subject::kinds() {
+            for feed in [Feed::Alone, prior, Feed::Sequence { period_s: 0.1 }] {
+                let (subject, lane_width_m) =
+                    subject(&args(Path::new(&file), kind, &["mission.lane_width_m=0.6"])).unwrap();
+                let errors = Evaluation { subject, feed, lane_width_m, seed: 1 }.errors(&scans).unwrap();
+                assert!(errors.scans > 0 && errors.bad_share < 0.5, "{kind} {feed:?}: {errors:?}");
+                eprintln!("{kind} {feed:?}: {errors:?}");
+            }
+        }
+    }
 }

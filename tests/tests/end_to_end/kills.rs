@@ -57,7 +57,7 @@ async fn progress(server: &Server, sweep: i64, before: u64) -> u64 {
 }
 
 /// Waits for the end of a sweep however long it is, as long as it gets further; the sweep.
-async fn ended(server: &Server, sweep: i64) -> Value {
+async fn to_its_end(server: &Server, sweep: i64) -> Value {
     let mut done = 0;
     while server.json(&format!("/v1/sweeps/{sweep}")).await["state"] != "done" {
         done = progress(server, sweep, done).await;
@@ -72,7 +72,7 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
     let plan_of_it = plan(100.0, 10 + 2 * kills());
     let undisturbed = Server::start(&path(&directory, "undisturbed.db"), 2).await;
     let sweep = undisturbed.submit(&json!({"plan": plan_of_it})).await;
-    ended(&undisturbed, sweep).await;
+    to_its_end(&undisturbed, sweep).await;
     let (expected, digests) = (table(&undisturbed, sweep).await, undisturbed.digests(sweep).await);
     drop(undisturbed);
 
@@ -97,7 +97,7 @@ async fn kills_of_workers_and_coordinator_in_a_loop_lose_nothing_and_double_noth
     }
     assert_eq!(in_time, kills(), "the sweep went on from each kill to the next");
 
-    let ended = ended(&server, sweep).await;
+    let ended = to_its_end(&server, sweep).await;
     assert_eq!((&ended["done"], ended["failed"].as_u64()), (&ended["total"], Some(0)), "{ended}");
     assert_eq!(table(&server, sweep).await, expected);
     assert_eq!(server.digests(sweep).await, digests);

@@ -157,21 +157,4 @@ mod tests {
             assert!(errors.cross_track_median_m < 0.03 && errors.heading_median_deg < 2.0, "{kind}: {errors:?}");
         }
     }
-
-    /// Prints the errors on the scans of the file that `FURROW_REAL_SCANS` names, lanes of 0.6 m: for eyes.
-    #[test]
-    #[allow(clippy::print_stderr)]
-    fn real_scans_are_evaluated_if_a_file_is_named() {
-        let Some(file) = std::env::var_os("FURROW_REAL_SCANS") else {
-            return eprintln!("skipped: FURROW_REAL_SCANS names no file of labelled scans");
-        };
-        let scans = super::super::read(&std::fs::read_to_string(file).unwrap()).unwrap();
-        for kind in Subject::kinds() {
-            for feed in [Feed::Alone, prior(5.0), Feed::Sequence { period_s: 0.1 }] {
-                let errors = errors(kind, feed, 0.6, &scans).unwrap();
-                assert!(errors.scans > 0 && errors.bad_share < 0.5, "{kind} {feed:?}: {errors:?}");
-                eprintln!("{kind} {feed:?}: {errors:?}");
-            }
-        }
-    }
 }
