@@ -100,28 +100,35 @@ impl Cases {
         findings: &mut Findings<'a>,
     ) -> Option<bool> {
         let case = self.0.get_mut(&run.job)?;
-        if let Some(earlier) = case.later.get(&run.attempt).filter(|opinion| opinion.worker == worker) {
-            return Some(earlier.digest == case.on_record.digest && matches!(run.ended, RunEnd::Done(_)));
-        }
-        if case.holder != Some((run.attempt, worker)) {
+        let earlier = case.later.get(&run.attempt).filter(|opinion| opinion.worker == worker).map(|it| it.digest);
+        if earlier.is_none() && case.holder != Some((run.attempt, worker)) {
             return None;
         }
-        case.holder = None;
         match &run.ended {
-            RunEnd::Done(record) => {
-                case.opine(worker, run.attempt, record.digest, now_ms, findings);
-                let RunRecord { digest, outcome, metrics, .. } = record;
+            RunEnd::Done(RunRecord { digest, outcome, metrics, .. }) => {
+                match earlier {
+                    None => {
+                        case.holder = None;
+                        case.opine(worker, run.attempt, *digest, now_ms, findings);
+                    }
+                    // The first opinion of a handing-out stays; who has two is wrong in one.
+                    Some(earlier) if earlier != *digest => _ = findings.wrong.insert(worker, run.job),
+                    Some(_) => {}
+                }
                 let differs = *digest != case.on_record.digest;
                 let other = || Other(run.job, worker, run.attempt, *digest, outcome, metrics);
                 findings.incidents.extend(differs.then(other));
                 Some(!differs)
             }
+            _ if earlier.is_some() => Some(false),
             RunEnd::Panicked { message } => {
                 tracing::warn!(job = %run.job, worker, message, "a run that has a result panicked when it was verified");
+                case.holder = None;
                 case.in_vain(findings);
                 Some(true)
             }
             RunEnd::HandedBack => {
+                case.holder = None;
                 case.end(VerificationState::Waits, findings);
                 Some(true)
             }

@@ -186,6 +186,25 @@ async fn a_worker_that_contradicts_itself_is_barred() {
 }
 
 #[tokio::test]
+async fn a_verifier_that_has_a_second_opinion_is_barred_and_the_second_is_not_taken() {
+    for (first_opinion, second_opinion) in [(1.0, -2.0), (-2.0, -3.0)] {
+        let (bench, first, job) = one_result().await;
+        let second = bench.worker().await;
+        let again = second.claim_one().await;
+        assert_eq!(second.ended(&again, done(first_opinion)).await, first_opinion == 1.0);
+        assert!(!second.is_barred().await);
+
+        assert!(!second.ended(&again, done(second_opinion)).await, "what is not on record is not acknowledged");
+
+        assert!(second.is_barred().await && !first.is_barred().await);
+        let detail = assert_untouched(&bench, &job).await;
+        let others: Vec<_> = detail.incidents.iter().map(|incident| incident.other_digest).collect();
+        assert!(others.contains(&record(second_opinion).digest), "{others:?}");
+        assert_eq!(detail.verification.unwrap().opinions[0].digest, record(first_opinion).digest);
+    }
+}
+
+#[tokio::test]
 async fn a_second_result_that_came_unasked_is_voted_on_too() {
     let bench = Bench::verifying(1e-12).await;
     bench.submit(sweep(&["rgop"], 1)).await;
