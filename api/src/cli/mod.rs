@@ -3,6 +3,7 @@
 mod backup;
 mod bench;
 mod client;
+mod compare;
 mod control;
 pub mod error;
 mod http_options;
@@ -63,6 +64,7 @@ enum Command {
     Cancel(control::CancelArgs),
     Retry(control::RetryArgs),
     Table(table::TableArgs),
+    Compare(compare::CompareArgs),
     Job(job::JobArgs),
     Bench(bench::BenchArgs),
     Backup(backup::BackupArgs),
@@ -94,6 +96,7 @@ impl Command {
             Self::Cancel(args) => control::cancel(args).await,
             Self::Retry(args) => control::retry(args).await,
             Self::Table(args) => table::run(args).await,
+            Self::Compare(args) => compare::run(args).await,
             Self::Job(args) => job::run(args).await,
             Self::Bench(args) => bench::run(args).await,
             Self::Backup(args) => backup::run(args).await,

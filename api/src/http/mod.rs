@@ -6,6 +6,7 @@
 //! document at `/openapi.json` is made from the handlers themselves.
 
 pub mod access;
+pub mod comparisons;
 mod extract;
 pub mod health;
 mod heavy;
@@ -138,6 +139,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(sweeps::routes())
         .merge(sweep_control::routes())
         .merge(tables::routes())
+        .merge(comparisons::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
         .merge(incidents::routes())

@@ -29,6 +29,8 @@ pub use render::render;
 pub use statistics::{student_interval, summarize, wilson_interval};
 pub use tabulate::{Table, tabulate};
 
-pub(crate) use bootstrap::{Contrast, interval};
+pub(crate) use bootstrap::{Contrast, Draws, NORMAL_FROM, RESAMPLES, Z_975, accelerated_ends, acceleration, interval};
+pub(crate) use metric::{SUCCESS, listed, order};
 pub(crate) use number::{short, superscript};
+pub(crate) use query::list;
 pub(crate) use statistics::median;

@@ -1,6 +1,7 @@
 //! The routes on a real coordinator, with results that a test hands in as a worker would.
 
 mod access;
+mod comparisons;
 mod control;
 mod metrics;
 mod problems;

@@ -133,6 +133,7 @@ async fn the_document_lists_every_route_with_its_schemas() {
         "/v1/publications/{source}/{table}",
         "/v1/sweeps",
         "/v1/sweeps/{sweep}",
+        "/v1/sweeps/{sweep}/compare",
         "/v1/sweeps/{sweep}/retry",
         "/v1/sweeps/{sweep}/table",
     ];
