@@ -92,4 +92,17 @@ mod tests {
             assert_eq!(seen, all, "pages of {limit}");
         }
     }
+
+    #[tokio::test]
+    async fn a_page_begins_with_a_seek_however_many_jobs_of_the_cell_are_before_it() {
+        let bench = Bench::new().await;
+        for statement in [PAGE, crate::store::job::LIST] {
+            let explain = sqlx::AssertSqlSafe(format!("explain query plan {statement}"));
+            let steps: Vec<(i64, i64, i64, String)> =
+                sqlx::query_as(explain).fetch_all(bench.store.readers()).await.unwrap();
+            let steps: Vec<String> = steps.into_iter().map(|(.., step)| step).collect();
+            assert!(steps.iter().any(|step| step.contains("(cell_id=? AND job_id>?)")), "{steps:?}");
+            assert!(steps.iter().all(|step| !step.contains("TEMP B-TREE")), "{steps:?}");
+        }
+    }
 }
