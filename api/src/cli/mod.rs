@@ -6,6 +6,7 @@ mod client;
 mod compare;
 mod control;
 pub mod error;
+mod export;
 mod http_options;
 mod job;
 mod join;
@@ -65,6 +66,7 @@ enum Command {
     Retry(control::RetryArgs),
     Table(table::TableArgs),
     Compare(compare::CompareArgs),
+    Export(export::ExportArgs),
     Job(job::JobArgs),
     Bench(bench::BenchArgs),
     Backup(backup::BackupArgs),
@@ -97,6 +99,7 @@ impl Command {
             Self::Retry(args) => control::retry(args).await,
             Self::Table(args) => table::run(args).await,
             Self::Compare(args) => compare::run(args).await,
+            Self::Export(args) => export::run(args).await,
             Self::Job(args) => job::run(args).await,
             Self::Bench(args) => bench::run(args).await,
             Self::Backup(args) => backup::run(args).await,

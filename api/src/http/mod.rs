@@ -7,6 +7,7 @@
 
 pub mod access;
 pub mod comparisons;
+mod etag;
 mod extract;
 pub mod health;
 mod heavy;
@@ -22,6 +23,7 @@ pub mod problem;
 pub mod publications;
 mod refusals;
 mod replays;
+pub mod results;
 pub mod sweep_control;
 pub mod sweeps;
 pub mod tables;
@@ -140,6 +142,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(sweep_control::routes())
         .merge(tables::routes())
         .merge(comparisons::routes())
+        .merge(results::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
         .merge(incidents::routes())

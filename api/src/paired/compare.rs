@@ -15,6 +15,7 @@ use crate::table::{Metric, OfSums};
 
 /// Two levels of a factor, or two sweeps, compared in pairs of runs that differ in nothing else.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = PairedComparison)]
 pub struct Comparison {
     /// The factor of which two levels are compared; null where two sweeps are compared in all cells.
     pub factor: Option<String>,
