@@ -210,10 +210,10 @@ pub(super) mod tests {
 
     /// A cell with these labels and runs: seed, scenario, and the values of `x` and `success`; a run without is failed.
     pub(in super::super) fn cell(labels: &[(&str, &str)], runs: &[(u64, i64, Option<[f64; 2]>)]) -> Runs {
-        let mut values = CellValues::default();
-        values.factors = labels.iter().map(|(factor, label)| ((*factor).to_owned(), (*label).to_owned())).collect();
+        let factors = labels.iter().map(|(factor, label)| ((*factor).to_owned(), (*label).to_owned())).collect();
+        let mut values = CellValues { factors, ..CellValues::default() };
         let mut columns = [Vec::new(), Vec::new()];
-        for (seed, scenario, value) in runs.iter() {
+        for (seed, scenario, value) in runs {
             let Some(value) = value else { continue };
             values.seeds.push(*seed);
             values.scenarios.push(ScenarioId(*scenario));

@@ -67,7 +67,7 @@ mod tests {
         let columns = vec![Column::left("field"), Column::right("n"), Column::right("mean"), Column::right("std")];
         let row = |label: &str, mean| vec![Entry::text(label), Entry::Count(3), Entry::number(mean), Entry::Empty];
         let grid = Grid { columns, rows: vec![row("crop-1", Some(0.1)), row("crop-2", None)], ..Grid::default() };
-        let reader = SerializedFileReader::new(Bytes::from(super::parquet(&grid).unwrap())).unwrap();
+        let reader = SerializedFileReader::new(Bytes::from(parquet(&grid).unwrap())).unwrap();
         let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
         assert_eq!((rows[1].get_string(0).unwrap().as_str(), rows[1].get_long(1).unwrap()), ("crop-2", 3));
         assert_eq!(rows[0].get_double(2).unwrap(), 0.1);
