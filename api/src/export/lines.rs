@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 
 use furrow_coordinator::view::RunRow;
+use furrow_schema::id::JobId;
 use serde::Serialize;
 
 use super::{Columns, ExportError};
 
 #[derive(Serialize)]
 struct Line<'a> {
-    job: String,
+    job: JobId,
     key: String,
     factors: BTreeMap<&'a str, &'a str>,
     seed: u64,
@@ -31,7 +32,7 @@ pub(super) fn rows(columns: &Columns, runs: &[RunRow]) -> Result<Vec<u8>, Export
 
 fn line<'a>(columns: &'a Columns, run: &'a RunRow) -> Line<'a> {
     Line {
-        job: run.job.to_string(),
+        job: run.job,
         key: run.key.to_string(),
         factors: columns.factors.iter().map(|factor| (factor.as_str(), columns.label(run, factor))).collect(),
         seed: run.seed,
@@ -55,7 +56,7 @@ mod tests {
         let bytes = export(Form::Lines, &[&runs()]);
         let lines: Vec<Value> =
             String::from_utf8(bytes).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-        assert_eq!(lines.len(), 2);
+        assert_eq!((lines.len(), &lines[0]["job"]), (2, &json!(7)));
         assert_eq!(lines[0]["metrics"], json!({"success": 1.0, "distance_m": 0.1 + 0.2}));
         assert_eq!(lines[1]["metrics"], json!({"success": null, "distance_m": null}));
         assert_eq!([&lines[1]["state"], &lines[1]["outcome"]], [&json!("failed"), &json!(null)]);
