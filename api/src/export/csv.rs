@@ -45,7 +45,7 @@ mod tests {
         let runs = runs();
         let bytes = export(Form::Csv, &[&runs[..1], &runs[1..]]);
         let mut reader = csv::Reader::from_reader(bytes.as_slice());
-        assert_eq!(reader.headers().unwrap().iter().last(), Some("distance_m"));
+        assert_eq!(reader.headers().unwrap().iter().next_back(), Some("distance_m"));
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         assert_eq!((rows.len(), &rows[0][0], &rows[0][3], &rows[0][10]), (2, "7", "a,b", "0.30000000000000004"));
         assert_eq!((&rows[1][5], &rows[1][7], &rows[1][9]), ("failed", "", ""));

@@ -123,8 +123,8 @@ fn asked(plan: &Value, priority: i64, name: Option<&str>, record: bool, timing: 
     let further = [
         ("priority", (priority != 0).then(|| json!(priority))),
         ("name", name.map(|name| json!(name))),
-        ("record", record.then(|| json!(true))),
-        ("timing", timing.then(|| json!(true))),
+        ("record", record.then_some(Value::Bool(true))),
+        ("timing", timing.then_some(Value::Bool(true))),
     ];
     for (key, value) in further {
         if let Some(value) = value {
