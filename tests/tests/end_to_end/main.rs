@@ -15,6 +15,7 @@ mod deploy;
 mod full_disk;
 mod kills;
 mod lan;
+mod lanes;
 mod liveliness;
 mod machine;
 mod mount;

@@ -37,7 +37,7 @@ fn lane_finders(criterion: &mut Criterion) {
         criterion.bench_function(kind, |bench| {
             bench.iter(|| {
                 let (points, label) = turn.next().expect("a cycle has no end");
-                black_box(finder.find(points, *label, &mut random))
+                black_box(finder.find(points, *label, 0.025, &mut random))
             });
         });
     }

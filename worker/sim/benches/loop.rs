@@ -15,6 +15,17 @@ fn field(crop: u32) -> Field {
     FieldSpec::Guyonneau2022(Guyonneau2022Params { crop, seed: FieldSeed::Fixed(1) }).build(1)
 }
 
+/// A lane of Velasquez et al. (2022), driven by the whole system.
+fn lane(name: &str) -> Scenario {
+    Scenario::from_value(json!({
+        "field": {"kind": "velasquez2022", "lane": name}, "robot": {"kind": "skid-steer"},
+        "sensors": {"kind": "one-planar-lidar"}, "perception": {"kind": "pl"}, "localization": {"kind": "ekf"},
+        "control": {"kind": "lane-pd"}, "mission": {"kind": "lane"}, "observer": {"kind": "operator"},
+        "limits": {"kind": "simulated-time", "max_time_s": 10.0}
+    }))
+    .expect("a scenario of known parts")
+}
+
 /// The front LiDAR in the middle of the first inter-row.
 fn middle(field: &Field) -> Pose {
     let [x_m, y_m] = field.middles[0].at(0.5 * field.middles[0].length_m());
@@ -47,6 +58,12 @@ fn runs(criterion: &mut Criterion) {
         }))
         .expect("a scenario of known parts");
         group.bench_function(BenchmarkId::from_parameter(format!("rgop, crop-{crop}")), |bench| {
+            bench.iter(|| simulate(black_box(&scenario), Seed(1), &mut ()).digest);
+        });
+    }
+    for name in ["lane-a", "lane-e", "production"] {
+        let scenario = lane(name);
+        group.bench_function(BenchmarkId::from_parameter(format!("pl-ekf-lgg, {name}")), |bench| {
             bench.iter(|| simulate(black_box(&scenario), Seed(1), &mut ()).digest);
         });
     }

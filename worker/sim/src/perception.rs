@@ -111,9 +111,15 @@ impl LanePerception {
     }
 
     /// The lane in one scan; only the oracle looks at the truth.
-    pub(crate) fn find(&mut self, points: &Points, prior: LaneEstimate, random: &mut Stream, truth: Place) -> LaneView {
+    pub(crate) fn find(
+        &mut self,
+        points: &Points,
+        (prior, dt_s): (LaneEstimate, f64),
+        random: &mut Stream,
+        truth: Place,
+    ) -> LaneView {
         match self {
-            Self::Finder(finder) => finder.find(points, prior, random),
+            Self::Finder(finder) => finder.find(points, prior, dt_s, random),
             Self::Oracle => LaneView {
                 left: Side { distance_m: truth.left_m, valid: true },
                 right: Side { distance_m: truth.right_m, valid: true },

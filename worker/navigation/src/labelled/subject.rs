@@ -65,7 +65,7 @@ impl Subject {
         random: &mut Stream,
     ) -> LaneEstimate {
         match self {
-            Self::Finder(finder) => finder.find(points, prior, random).into(),
+            Self::Finder(finder) => finder.find(points, prior, moved_s, random).into(),
             Self::Estimator(estimator) => {
                 estimator.predict(Twist::default(), moved_s);
                 estimator.correct(points, LaneView::nothing(prior), random);

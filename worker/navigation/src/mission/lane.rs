@@ -85,7 +85,7 @@ mod tests {
             .map(|_| {
                 let prior = follower.predict(twist, dt_s);
                 let points = Scene::new(truth, 0.5).scan(&mut random);
-                let view = finder.find(&points, prior, &mut random);
+                let view = finder.find(&points, prior, dt_s, &mut random);
                 follower.correct(&points, view, &mut random);
                 twist = follower.steer(dt_s);
                 let across_m = twist.linear_m_s * dt_s * libm::sin(truth.heading_rad);

@@ -152,7 +152,7 @@ impl Pilot {
         let (twist, dt_s) = self.motion.take();
         let prior = timed(probe, Part::LanePrediction, || follower.predict(twist, dt_s));
         let (perception, random) = (&mut self.perception, &mut self.perception_random);
-        let view = timed(probe, Part::LaneFinding, || perception.find(points, prior, random, place));
+        let view = timed(probe, Part::LaneFinding, || perception.find(points, (prior, dt_s), random, place));
         let random = &mut self.estimator_random;
         let estimate = timed(probe, Part::LaneCorrection, || follower.correct(points, view, random));
         timed(probe, Part::Observe, || operator.hear(&Heard { time_s, place, view, estimate, scan, from_stem }));

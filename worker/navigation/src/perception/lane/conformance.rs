@@ -21,7 +21,7 @@ pub(super) fn check(spec: &LaneFinderSpec, prior_error_rad: Option<f64>) {
 }
 
 fn find(spec: &LaneFinderSpec, points: &Points, prior: LaneEstimate) -> LaneView {
-    spec.build(WIDTH_M).find(points, prior, &mut Stream::new(1, "line-finder"))
+    spec.build(WIDTH_M).find(points, prior, 0.025, &mut Stream::new(1, "line-finder"))
 }
 
 pub(super) fn place(offset_m: f64, heading_rad: f64) -> LaneEstimate {
@@ -66,7 +66,10 @@ fn the_place_in_a_lane_is_found(spec: &LaneFinderSpec, prior_error_rad: Option<f
             if leaves_per_m > 0.0 {
                 poor += u32::from(off_m.abs() > 0.1 || off_deg.abs() > 5.0);
             } else {
-                assert!(off_m.abs() < 0.04 && off_deg.abs() < 2.0, "{truth:?} {view:?}");
+                assert!(off_m.abs() < 0.04 && off_deg.abs() < 2.0 && view.heading_valid, "{truth:?} {view:?}");
+                // With the heading as good as that, both rows show.
+                let prior = LaneEstimate { heading_rad: view.heading_rad, ..MIDDLE };
+                let view = find(spec, &Scene::new(truth, 0.0).scan(&mut random), prior);
                 assert!(view.left.valid && view.right.valid && view.heading_valid, "{truth:?} {view:?}");
             }
         }
@@ -97,7 +100,7 @@ fn any_points_give_finite_views(spec: &LaneFinderSpec) {
         let mut random = Stream::new(1, "line-finder");
         for scan in scans {
             let (x_m, y_m) = scan.into_iter().unzip();
-            let view = finder.find(&Points { x_m, y_m }, LaneEstimate { heading_rad, ..MIDDLE }, &mut random);
+            let view = finder.find(&Points { x_m, y_m }, LaneEstimate { heading_rad, ..MIDDLE }, 0.025, &mut random);
             prop_assert!(view.heading_rad.is_finite());
             for side in [view.left, view.right] {
                 prop_assert!(side.distance_m.is_finite() && side.distance_m >= 0.0);

@@ -147,7 +147,7 @@ impl JointFit {
 }
 
 impl LaneFinder for JointFit {
-    fn find(&mut self, points: &Points, prior: LaneEstimate, _random: &mut Stream) -> LaneView {
+    fn find(&mut self, points: &Points, prior: LaneEstimate, _dt_s: f64, _random: &mut Stream) -> LaneView {
         self.thinned.fill(points);
         let Some(place) = self.best() else { return LaneView::nothing(prior) };
         let (left, right) = (self.is_valid(place, 1.0), self.is_valid(place, -1.0));
@@ -212,7 +212,7 @@ mod tests {
 
     fn find(points: &Points) -> LaneView {
         let mut finder = JointFit::new(JointFitParams::default(), 0.75);
-        finder.find(points, LaneEstimate::middle(0.75), &mut Stream::new(1, "line-finder"))
+        finder.find(points, LaneEstimate::middle(0.75), 0.025, &mut Stream::new(1, "line-finder"))
     }
 
     #[test]

@@ -95,8 +95,9 @@ impl From<LaneView> for LaneEstimate {
 pub trait LaneFinder: Send {
     /// The lane in one scan.
     ///
-    /// `points` are the returns in the robot's frame {R} \[m\]; `prior` is what the robot believes just before.
-    fn find(&mut self, points: &Points, prior: LaneEstimate, random: &mut Stream) -> LaneView;
+    /// `points` are the returns in the robot's frame {R} \[m\]; `prior` is what the robot believes just before;
+    /// `dt_s` \[s\] has passed since the last scan.
+    fn find(&mut self, points: &Points, prior: LaneEstimate, dt_s: f64, random: &mut Stream) -> LaneView;
 
     /// Forgets all earlier scans: the robot stands at `start` now.
     fn restart(&mut self, start: LaneEstimate);

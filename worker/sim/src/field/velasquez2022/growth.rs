@@ -19,6 +19,10 @@ const RADIUS_M: f64 = 0.0125;
 const RADIUS_HALF_RANGE_M: f64 = 0.0025;
 /// Share of plants that did not come up. Ours.
 const FAILED_SHARE: f64 = 0.05;
+/// Plants this near to a gap get light from there and keep their lowest leaves: so many more of them each, on average.
+/// Ours, after section 6: hanging leaves at the lane's entrance block the scan.
+const EDGE_M: f64 = 0.25;
+const EDGE_LEAVES: f64 = 2.0;
 /// Length of the hanging part of a leaf, how high its lower edge hangs, and how far it reaches up from there \[m\]. Ours.
 const LEAF_LENGTH_M: [f64; 2] = [0.1, 0.6];
 const LEAF_LOW_M: [f64; 2] = [0.0, 0.5];
@@ -42,6 +46,7 @@ pub(super) struct Sowing<'a> {
     pub(super) index: u32,
     pub(super) gaps_m: &'a [[f64; 2]],
     pub(super) bare_share: f64,
+    pub(super) leaf_factor: f64,
     pub(super) leaves_per_m: f64,
     pub(super) stalks_per_m: f64,
 }
@@ -50,7 +55,7 @@ impl Sowing<'_> {
     /// Grows the row. What stands elsewhere does not depend on gaps or on how many leaves there are.
     pub(super) fn grow(&self, seed: u64, plants: &mut Along<Plant>, foliage: &mut Along<Foliage>) {
         let stream = |name: &str| Stream::new(seed, &format!("field-{name}-{}", self.index));
-        let [mut stems, mut leaves, mut stalks] = ["stems", "leaves", "stalks"].map(stream);
+        let [mut stems, mut leaves, mut stalks, mut edges] = ["stems", "leaves", "stalks", "edges"].map(stream);
         let bare_m = self.bare_stretches(&mut stream("bare"));
         let mut hanging = Vec::new();
         let mut along_m = stems.between(0.0, SPACING_M);
@@ -61,6 +66,10 @@ impl Sowing<'_> {
             let n = (self.leaves_per_m * SPACING_M + leaves.uniform()) as usize;
             hanging.clear();
             hanging.extend((0..n).map(|_| (along_m, leaf(&plant, &mut leaves))));
+            if self.is_at_edge(along_m) {
+                let n = (self.leaf_factor * EDGE_LEAVES + edges.uniform()) as usize;
+                hanging.extend((0..n).map(|_| (along_m, leaf(&plant, &mut edges))));
+            }
             let stalk = self.stalk(&plant, &mut stalks);
             let is_in = |stretches: &[[f64; 2]]| stretches.iter().any(|[from, to]| (*from..*to).contains(&along_m));
             if !fails && !is_in(self.gaps_m) && !is_in(&bare_m) {
@@ -72,6 +81,10 @@ impl Sowing<'_> {
             }
             along_m += (SPACING_M + SPACING_SD_M * stems.normal()).max(SPACING_MIN_M);
         }
+    }
+
+    fn is_at_edge(&self, along_m: f64) -> bool {
+        self.gaps_m.iter().any(|[from_m, to_m]| (from_m - EDGE_M..to_m + EDGE_M).contains(&along_m))
     }
 
     fn plant(&self, along_m: f64, random: &mut Stream) -> Plant {
@@ -115,9 +128,10 @@ fn leaf(plant: &Plant, random: &mut Stream) -> Foliage {
     ribbon([plant.x_m, plant.y_m], direction_rad, length_m, [low_m, high_m], FoliageKind::Leaf)
 }
 
-/// Weeds in the lane between `across_m`, on average `per_m` of them a metre \[1/m\].
+/// Weeds in a stretch of the lane between `across_m`, on average `per_m` of them a metre \[1/m\].
 pub(super) fn weeds(
-    (course, length_m): (&Course, f64),
+    course: &Course,
+    [from_m, to_m]: [f64; 2],
     across_m: [f64; 2],
     per_m: f64,
     random: &mut Stream,
@@ -126,10 +140,10 @@ pub(super) fn weeds(
     if per_m <= 0.0 {
         return;
     }
-    let mut along_m = 0.0;
+    let mut along_m = from_m;
     loop {
         along_m -= libm::log(random.uniform()) / per_m;
-        if along_m > length_m {
+        if along_m > to_m {
             return;
         }
         let at = course.at(along_m, pick(across_m, random));

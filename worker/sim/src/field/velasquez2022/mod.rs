@@ -54,6 +54,8 @@ furrow_navigation::parameters! {
         pub lane: LaneName = LaneName::A, "";
         /// Where the lane is drawn from: {"fixed": n} or "job".
         pub seed: FieldSeed = FieldSeed::Fixed(1), "";
+        /// Which of the lanes that one seed gives: a plan that drives lane A three times a seed drives three of them.
+        pub draw: u32 = 0, "1", [0, 1000];
         /// Length of gaps; 0 fills them, 0.5 gives es-1 the gaps of 0.5 m that section 5.3 speaks of.
         pub gap_factor: f64 = 1.0, "1", [0.0, 4.0];
         /// Number of hanging leaves and fallen stalks.
@@ -74,6 +76,8 @@ const START_ACROSS_SD_M: f64 = 0.02;
 const START_HEADING_SD_RAD: f64 = 0.035;
 /// Neither is farther off than so many standard deviations.
 const START_LIMIT: f64 = 2.0;
+/// Weeds per metre of a gap in each half of the lane: they grow where there is light. Ours, after section 6.
+const GAP_WEEDS_PER_M: f64 = 6.0;
 /// Lane B: the first and last of the drawn gaps lie so far from the ends, the one of 2 m so far from the end \[m\]. Ours.
 const GAPS_FROM_M: f64 = 10.0;
 const BIG_GAP_FROM_END_M: f64 = 15.0;
@@ -83,7 +87,7 @@ const BIG_GAP_FROM_END_M: f64 = 15.0;
 pub fn build(params: &Velasquez2022Params, job_seed: u64) -> Field {
     let preset = preset(params.lane);
     // Lanes of one kind differ, too.
-    let seed = params.seed.resolve(job_seed) ^ ((params.lane as u64) << 40);
+    let seed = params.seed.resolve(job_seed) ^ ((params.lane as u64) << 40) ^ (u64::from(params.draw) << 48);
     let course = Course::new(&preset);
     let gaps_m = gaps(&preset, params.gap_factor, &mut Stream::new(seed, "field-gaps"));
     let right_row = preset.neighbours[0];
@@ -100,6 +104,7 @@ pub fn build(params: &Velasquez2022Params, job_seed: u64) -> Field {
             index: index as u32,
             gaps_m: if bounds || preset.gaps_everywhere { &gaps_m } else { &[] },
             bare_share: if bounds { preset.bare_share[side] } else { 0.0 },
+            leaf_factor: params.leaf_factor,
             leaves_per_m: params.leaf_factor * preset.leaves_per_m[side],
             stalks_per_m: params.leaf_factor * preset.stalks_per_m[side],
         };
@@ -109,7 +114,12 @@ pub fn build(params: &Velasquez2022Params, job_seed: u64) -> Field {
     for (side, across_m) in [[-half_m, 0.0], [0.0, half_m]].into_iter().enumerate() {
         let mut random = Stream::new(seed, ["field-weeds-right", "field-weeds-left"][side]);
         let per_m = params.weed_factor * preset.weeds_per_m[side];
-        growth::weeds((&course, preset.length_m), across_m, per_m, &mut random, &mut foliage);
+        growth::weeds(&course, [0.0, preset.length_m], across_m, per_m, &mut random, &mut foliage);
+        let mut random = Stream::new(seed, ["field-gap-weeds-right", "field-gap-weeds-left"][side]);
+        for gap_m in &gaps_m {
+            let per_m = params.weed_factor * GAP_WEEDS_PER_M;
+            growth::weeds(&course, *gap_m, across_m, per_m, &mut random, &mut foliage);
+        }
     }
     let (plants_along_m, plants) = sorted(plants);
     let (foliage_along_m, foliage) = sorted(foliage);
@@ -182,6 +192,7 @@ fn start(field: &Field, random: &mut Stream) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::field::lane::FoliageKind;
 
     const LANES: [LaneName; 11] = [
         LaneName::A,
@@ -238,6 +249,29 @@ mod tests {
         assert_eq!(field.plants, kept);
         assert!(filled.plants.len() > field.plants.len() + 150);
         assert_eq!((with_gaps.terrain, field.start), (without.terrain, filled.start));
+    }
+
+    #[test]
+    fn leaves_are_denser_at_the_ends_of_rows_and_weeds_in_gaps() {
+        let of = |lane: &Lane, kind: FoliageKind, near_m: [f64; 2]| {
+            let along = |gap: &[f64; 2], at_m: f64| at_m >= gap[0] - near_m[0] && at_m < gap[1] + near_m[1];
+            let foliage = lane.foliage.iter().zip(&lane.foliage_along_m);
+            let near =
+                foliage.filter(|(part, at_m)| part.kind == kind && lane.gaps_m.iter().any(|gap| along(gap, **at_m)));
+            near.count() as f64 / lane.gaps_m.len() as f64
+        };
+        let (_, lane) = lane(&params(LaneName::Es2));
+        // Six rows with 9.5 plants a metre, 0.25 m at both ends: 0.5 leaves a plant as everywhere, and two more.
+        let leaves = of(&lane, FoliageKind::Leaf, [0.25, 0.25]);
+        assert!((leaves / (6.0 * 9.5 * 0.5) - 2.5).abs() < 0.2, "{leaves}");
+        let weeds = of(&lane, FoliageKind::Weed, [0.0, 0.0]);
+        assert!((weeds - 2.0 * 0.5 * GAP_WEEDS_PER_M).abs() < 1.0, "{weeds} in 0.5 m");
+    }
+
+    #[test]
+    fn one_seed_gives_several_lanes() {
+        let drawn = |draw| build(&Velasquez2022Params { draw, ..params(LaneName::A) }, 1);
+        assert!(drawn(0) == build(&params(LaneName::A), 1) && drawn(0) != drawn(1) && drawn(1) != drawn(2));
     }
 
     #[test]

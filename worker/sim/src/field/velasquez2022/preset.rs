@@ -106,7 +106,7 @@ pub(super) const fn preset(lane: LaneName) -> Preset {
     match lane {
         LaneName::A => STRAIGHT,
         LaneName::B => {
-            Preset { row_spacing_m: 0.731, wander_m: 0.038, gaps: Gaps::Drawn, leaves_per_m: [9.0, 6.0], ..STRAIGHT }
+            Preset { row_spacing_m: 0.731, wander_m: 0.038, gaps: Gaps::Drawn, leaves_per_m: [8.0, 5.0], ..STRAIGHT }
         }
         LaneName::C | LaneName::D => INTERNAL_BORDER,
         LaneName::E | LaneName::F => EXTERNAL_BORDER,

@@ -10,8 +10,8 @@ pub(super) struct Wall {
     counts: Vec<u32>,
     /// The last valid distance, or where the robot started.
     distance_m: f64,
-    /// Scans since then; none without a valid distance to compare with.
-    missed: Option<u32>,
+    /// Time since then \[s\]; none without a valid distance to compare with.
+    since_s: Option<f64>,
 }
 
 /// A valid wall.
@@ -25,17 +25,17 @@ pub(super) struct Fit {
 
 impl Wall {
     pub(super) fn new(bins: usize, distance_m: f64) -> Self {
-        Self { x_m: Vec::new(), away_m: Vec::new(), counts: vec![0; bins], distance_m, missed: None }
+        Self { x_m: Vec::new(), away_m: Vec::new(), counts: vec![0; bins], distance_m, since_s: None }
     }
 
     pub(super) fn restart(&mut self, distance_m: f64) {
         self.distance_m = distance_m;
-        self.missed = None;
+        self.since_s = None;
     }
 
     /// Keeps the distance, but compares no other with it.
     pub(super) fn forget(&mut self) {
-        self.missed = None;
+        self.since_s = None;
     }
 
     /// The last valid distance, or where the robot started \[m\].
@@ -58,15 +58,15 @@ impl Wall {
 
     /// Steps 3 to 5: the wall of this scan if it is valid; takes its distance over. The scan was turned by `turned_rad`,
     /// positive towards the wall.
-    pub(super) fn find(&mut self, params: &PlParams, turned_rad: f64) -> Option<Fit> {
+    pub(super) fn find(&mut self, params: &PlParams, turned_rad: f64, dt_s: f64) -> Option<Fit> {
         let (fit, distance_m) = self.fit(params, turned_rad).unzip();
-        let jump_m = self.missed.map(|missed| params.max_jump_m + f64::from(missed) * params.jump_growth_m);
+        self.since_s = self.since_s.map(|since_s| since_s + dt_s);
+        let jump_m = self.since_s.map(|since_s| params.max_jump_m + since_s * params.jump_growth_m_s);
         let near = |distance_m: &f64| jump_m.is_none_or(|jump_m| (distance_m - self.distance_m).abs() <= jump_m);
         if let Some(distance_m) = distance_m.filter(near) {
-            (self.distance_m, self.missed) = (distance_m, Some(0));
+            (self.distance_m, self.since_s) = (distance_m, Some(0.0));
             return fit;
         }
-        self.missed = self.missed.map(|missed| missed.saturating_add(1));
         None
     }
 
