@@ -1,6 +1,7 @@
 //! What all others talk to: four questions of workers, the user's questions, and a bell for changes.
 
-use std::collections::BTreeMap;
+mod results;
+
 use std::sync::Arc;
 
 use furrow_schema::id::{EngineId, SweepId, WorkerId};
@@ -17,12 +18,11 @@ use crate::figures::Figures;
 use crate::store::admission::{Admitted, Request};
 use crate::store::control::Control;
 use crate::store::worker::Newcomers;
-use crate::store::{Store, cell, census, incident, job, runs, submit, sweep, token, values, verification, worker};
+use crate::store::{Store, census, incident, job, submit, sweep, token, verification, worker};
 use crate::token::{Secret, TokenInfo};
 use crate::validate;
 use crate::view::{
-    CellSummary, CellValues, Census, Incident, JobDetail, JobFilter, JobPage, JobRef, RunValue, SweepChange,
-    VerificationCounts, WorkerChange, WorkerInfo,
+    Census, Incident, JobDetail, JobFilter, JobPage, JobRef, SweepChange, VerificationCounts, WorkerChange, WorkerInfo,
 };
 use crate::writer;
 
@@ -252,36 +252,6 @@ impl Coordinator {
     /// [`StoreError::Damaged`].
     pub async fn job(&self, job: JobRef) -> Result<Option<JobDetail>, StoreError> {
         job::get(&self.shared.store, job).await
-    }
-
-    /// The cells of a sweep by position, with counts and exact moments; empty if there is no such sweep.
-    ///
-    /// # Errors
-    /// [`StoreError::Database`] and [`StoreError::Damaged`].
-    pub async fn cells(&self, sweep: SweepId) -> Result<Vec<CellSummary>, StoreError> {
-        cell::list(&self.shared.store, sweep).await
-    }
-
-    /// The values behind the cells of a sweep, by position; of all metrics, or of those named.
-    ///
-    /// # Errors
-    /// [`StoreError::Database`] and [`StoreError::Damaged`].
-    pub async fn values(&self, sweep: SweepId, metrics: Option<&[&str]>) -> Result<Vec<CellValues>, StoreError> {
-        values::by_cell(&self.shared.store, sweep, metrics).await
-    }
-
-    /// The runs with a result in those cells of a sweep that have all of `labels` (label by factor), by seed, each
-    /// with its value of `metric`.
-    ///
-    /// # Errors
-    /// [`StoreError::Database`] and [`StoreError::Damaged`].
-    pub async fn runs(
-        &self,
-        sweep: SweepId,
-        labels: &BTreeMap<String, String>,
-        metric: &str,
-    ) -> Result<Vec<RunValue>, StoreError> {
-        runs::with_labels(&self.shared.store, sweep, labels, metric).await
     }
 
     /// Every worker that said hello or enrolled, the latest seen first.

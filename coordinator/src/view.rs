@@ -1,5 +1,6 @@
 //! What the store answers to users: pages of jobs, one job in full, cells and their values; workers.
 
+mod runs;
 mod worker;
 
 use std::collections::BTreeMap;
@@ -9,6 +10,7 @@ use furrow_schema::id::{CellId, Digest, EngineId, JobId, JobKey, ScenarioId, Swe
 use furrow_schema::job::{JobState, Timings};
 
 use crate::moments::Moments;
+pub use runs::{RunCursor, RunRow, RunValue, UnfinishedRun};
 pub use worker::{Bar, WorkerChange, WorkerInfo};
 
 /// Which jobs to list. The default is all of them.
@@ -446,19 +448,6 @@ pub struct CellValues {
     pub metrics: BTreeMap<String, Vec<Option<f64>>>,
     /// A column by timing metric, of the runs that ran alone; none for the others.
     pub timings: BTreeMap<String, Vec<Option<f64>>>,
-}
-
-/// A run with a result, and one of its values.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RunValue {
-    /// Its job's key.
-    pub key: JobKey,
-    /// Its seed.
-    pub seed: u64,
-    /// How it ended.
-    pub outcome: String,
-    /// The value of the metric asked for, in its own unit; none where it is undefined for the run.
-    pub value: Option<f64>,
 }
 
 /// What a user changes about a sweep; what is not given stays.

@@ -3,6 +3,7 @@
 //! A database is asked in the same way without a server: this process then serves it to itself, on a free port of this
 //! machine, for as long as the command takes. To read it a server may be using it, to change it none.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -22,6 +23,9 @@ const CONNECT_WITHIN: Duration = Duration::from_secs(5);
 
 /// A little more than the server takes to give up by itself.
 const ANSWER_WITHIN: Duration = Duration::from_secs(75);
+
+/// A long answer that goes on is waited for.
+const DOWNLOAD_WITHIN: Duration = Duration::from_secs(7 * 24 * 3_600);
 
 /// Where the server is.
 #[derive(Debug, clap::Args)]
@@ -170,6 +174,26 @@ impl Client {
     pub(super) async fn text(&self, path: &[&str], query: &[(&str, &str)]) -> Result<String, CliError> {
         let response = self.send(self.request(Method::GET, path, query)).await?;
         response.text().await.map_err(CliError::failed("the answer broke off"))
+    }
+
+    /// GETs what is at `path` (its segments) with `query` and writes it to `out` as it comes, however long that takes.
+    ///
+    /// # Errors
+    /// The server is away or refuses, the answer breaks off or stands still, or it cannot be written.
+    pub(super) async fn download(
+        &self,
+        path: &[&str],
+        query: &[(&str, &str)],
+        out: &mut impl Write,
+    ) -> Result<(), CliError> {
+        let mut response = self.send(self.request(Method::GET, path, query).timeout(DOWNLOAD_WITHIN)).await?;
+        loop {
+            let chunk = tokio::time::timeout(ANSWER_WITHIN, response.chunk()).await;
+            let chunk = chunk.map_err(CliError::failed("the answer stands still"))?;
+            let Some(bytes) = chunk.map_err(CliError::failed("the answer broke off"))? else { break };
+            out.write_all(&bytes)?;
+        }
+        Ok(out.flush()?)
     }
 
     /// POSTs `body` as JSON, with a key under which the server takes it only once.

@@ -3,8 +3,10 @@
 mod backup;
 mod bench;
 mod client;
+mod compare;
 mod control;
 pub mod error;
+mod export;
 mod http_options;
 mod job;
 mod join;
@@ -63,6 +65,8 @@ enum Command {
     Cancel(control::CancelArgs),
     Retry(control::RetryArgs),
     Table(table::TableArgs),
+    Compare(compare::CompareArgs),
+    Export(export::ExportArgs),
     Job(job::JobArgs),
     Bench(bench::BenchArgs),
     Backup(backup::BackupArgs),
@@ -94,6 +98,8 @@ impl Command {
             Self::Cancel(args) => control::cancel(args).await,
             Self::Retry(args) => control::retry(args).await,
             Self::Table(args) => table::run(args).await,
+            Self::Compare(args) => compare::run(args).await,
+            Self::Export(args) => export::run(args).await,
             Self::Job(args) => job::run(args).await,
             Self::Bench(args) => bench::run(args).await,
             Self::Backup(args) => backup::run(args).await,

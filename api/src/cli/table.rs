@@ -25,7 +25,7 @@ pub(super) struct TableArgs {
     /// Statistics to show, with commas: mean, std, median, min, max, ci95, n
     #[arg(long, value_name = "STATISTICS")]
     statistic: Option<String>,
-    /// text, md, csv, json or latex
+    /// text, md, csv, json, latex or parquet (to a file or pipe)
     #[arg(long, default_value = "text")]
     format: String,
 }
@@ -48,5 +48,9 @@ async fn show(client: &Client, args: &TableArgs) -> Result<(), CliError> {
     ];
     let mut query = vec![("format", args.format.as_str())];
     query.extend(given.iter().filter_map(|(key, value)| Some((*key, value.as_deref()?))));
-    output::line(&client.text(&["v1", "sweeps", &args.sweep.to_string(), "table"], &query).await?)
+    let path = ["v1", "sweeps", &args.sweep.to_string(), "table"];
+    if args.format == "parquet" {
+        return client.download(&path, &query, &mut std::io::stdout()).await;
+    }
+    output::line(&client.text(&path, &query).await?)
 }

@@ -6,6 +6,8 @@
 //! document at `/openapi.json` is made from the handlers themselves.
 
 pub mod access;
+pub mod comparisons;
+mod etag;
 mod extract;
 pub mod health;
 mod heavy;
@@ -21,6 +23,7 @@ pub mod problem;
 pub mod publications;
 mod refusals;
 mod replays;
+pub mod results;
 pub mod sweep_control;
 pub mod sweeps;
 pub mod tables;
@@ -138,6 +141,8 @@ fn resources() -> OpenApiRouter<App> {
         .merge(sweeps::routes())
         .merge(sweep_control::routes())
         .merge(tables::routes())
+        .merge(comparisons::routes())
+        .merge(results::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
         .merge(incidents::routes())

@@ -4,6 +4,7 @@ use axum::http::StatusCode;
 use furrow_coordinator::StoreError;
 
 use super::problem::Problem;
+use crate::paired::PairedError;
 use crate::plan::PlanError;
 use crate::publication::PublicationError;
 use crate::table::TableError;
@@ -16,6 +17,12 @@ impl From<PlanError> for Problem {
 
 impl From<TableError> for Problem {
     fn from(error: TableError) -> Self {
+        Self::bad_request(error.to_string()).at(error.key).allowing(error.known)
+    }
+}
+
+impl From<PairedError> for Problem {
+    fn from(error: PairedError) -> Self {
         Self::bad_request(error.to_string()).at(error.key).allowing(error.known)
     }
 }

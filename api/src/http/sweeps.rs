@@ -10,7 +10,7 @@ use axum::response::{IntoResponse, Response};
 use furrow_schema::id::SweepId;
 use furrow_schema::sweep::{NewSweep, Sweep};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -108,11 +108,30 @@ async fn post_sweep(
     let expanding = tokio::task::spawn_blocking(move || plan::expand(&request(body)?).map_err(Problem::from));
     let expansion = expanding.await.map_err(|error| Problem::internal(&error))??;
     let not_applied = expansion.not_applied.clone();
-    let sweep = NewSweep { priority, record, timing, idempotency_key: key, ..new_sweep(expansion, name) };
+    let request_json = asked(&expansion.request, priority, name.as_deref(), record, timing);
+    let sweep = new_sweep(expansion, name);
+    let sweep = NewSweep { priority, record, timing, request_json, idempotency_key: key, ..sweep };
     let sent = app.coordinator().submit(sweep).await?;
     let location = HeaderValue::from_str(&format!("/v1/sweeps/{}", sent.id)).expect("a number is plain ASCII");
     let created = SweepCreated { id: sent.id, total: sent.total, new: sent.new, cached: sent.cached, not_applied };
     Ok((StatusCode::CREATED, [(LOCATION, location)], Json(created)).into_response())
+}
+
+/// All that a request asks for, by which the same key with another body is told. What is not asked for is not in it.
+fn asked(plan: &Value, priority: i64, name: Option<&str>, record: bool, timing: bool) -> String {
+    let mut asked = plan.clone();
+    let further = [
+        ("priority", (priority != 0).then(|| json!(priority))),
+        ("name", name.map(|name| json!(name))),
+        ("record", record.then_some(Value::Bool(true))),
+        ("timing", timing.then_some(Value::Bool(true))),
+    ];
+    for (key, value) in further {
+        if let Some(value) = value {
+            asked[key] = value;
+        }
+    }
+    asked.to_string()
 }
 
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {

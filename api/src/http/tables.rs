@@ -4,6 +4,7 @@ use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
+use furrow_coordinator::view::CellSummary;
 use furrow_coordinator::{Coordinator, StoreError};
 use furrow_schema::id::SweepId;
 use furrow_schema::sweep::Sweep;
@@ -14,10 +15,11 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::App;
+use super::etag::Tag;
 use super::extract::Params;
 use super::negotiate::{Form, choose};
 use super::problem::Problem;
-use crate::table::{Format, Metric, Query, SweepData, tabulate};
+use crate::table::{Format, Metric, Query, SweepData, parquet, tabulate};
 
 /// A table of a sweep, as JSON.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
@@ -45,6 +47,27 @@ pub(super) const FORMS: [Form<Format>; 5] = [
     form(Format::Text, "text/plain"),
 ];
 
+/// What a table of results is written as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Text(Format),
+    Parquet,
+}
+
+const fn kind(form: Form<Format>) -> Form<Kind> {
+    Form { word: form.word, media_type: form.media_type, form: Kind::Text(form.form) }
+}
+
+/// The forms of a table of results.
+const KINDS: [Form<Kind>; 6] = [
+    kind(FORMS[0]),
+    kind(FORMS[1]),
+    kind(FORMS[2]),
+    kind(FORMS[3]),
+    kind(FORMS[4]),
+    Form { word: "parquet", media_type: "application/vnd.apache.parquet", form: Kind::Parquet },
+];
+
 pub(super) fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(get_table))
 }
@@ -57,11 +80,14 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         ("metric" = Option<String>, Query, description = "metrics, with commas; all if not given"),
         ("columns" = Option<String>, Query, description = "a factor whose labels become columns (not in JSON)"),
         ("statistic" = Option<String>, Query, description = "mean, std, median, min, max, ci95, n, with commas"),
-        ("format" = Option<String>, Query, description = "json, csv, md, latex or text; wins over the header Accept"),
+        ("format" = Option<String>, Query, description = "json, csv, md, latex, text or parquet; wins over the header Accept"),
+        ("If-None-Match" = Option<String>, Header, description = "the ETag of an earlier answer"),
     ),
     responses(
         (status = 200, content((TableOfSweep = "application/json"), (String = "text/csv"), (String = "text/markdown"),
-            (String = "application/x-latex"), (String = "text/plain"))),
+            (String = "application/x-latex"), (String = "text/plain"), (Vec<u8> = "application/vnd.apache.parquet")),
+            headers(("ETag" = String, description = "changes with the results"))),
+        (status = 304, description = "no result came since the answer with this ETag"),
         (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn get_table(
     State(app): State<App>,
@@ -70,14 +96,19 @@ async fn get_table(
     mut params: Params,
 ) -> Result<Response, Problem> {
     let query = query(&mut params)?;
-    let form = choose(&FORMS, params.text("format")?.as_deref(), &headers)?;
+    let form = choose(&KINDS, params.text("format")?.as_deref(), &headers)?;
     params.finish()?;
     let sweep = app.sweep_named(&name).await?;
-    let data = sweep_data(app.coordinator(), &sweep, &query).await?;
+    let cells = app.coordinator().cells(sweep.id).await?;
+    let tag = Tag::of_results(&sweep, &cells, form.word);
+    if tag.is_known(&headers) {
+        return Ok(tag.not_modified());
+    }
+    let data = data_of(app.coordinator(), &sweep, cells, &query).await?;
     // Medians of a million values take a while: not on a thread that serves others.
     let writing = tokio::task::spawn_blocking(move || write(&sweep, &data, &query, form.form));
-    let text = writing.await.map_err(|error| Problem::internal(&error))??;
-    Ok(([(CONTENT_TYPE, form.content_type())], text).into_response())
+    let body = writing.await.map_err(|error| Problem::internal(&error))??;
+    Ok((tag.headers(), [(CONTENT_TYPE, form.content_type())], body).into_response())
 }
 
 fn query(params: &mut Params) -> Result<Query, Problem> {
@@ -86,14 +117,17 @@ fn query(params: &mut Params) -> Result<Query, Problem> {
     Ok(Query::from_words(group_by.as_deref(), metric.as_deref(), columns.as_deref(), statistic.as_deref())?)
 }
 
-fn write(sweep: &Sweep, data: &SweepData, query: &Query, format: Format) -> Result<String, Problem> {
+fn write(sweep: &Sweep, data: &SweepData, query: &Query, kind: Kind) -> Result<Vec<u8>, Problem> {
     let table = tabulate(data, query)?;
-    if format != Format::Json {
-        return Ok(table.write(format));
+    match kind {
+        Kind::Parquet => parquet(&table.exact_grid()).map_err(|error| Problem::internal(&error)),
+        Kind::Text(Format::Json) => {
+            let mut body = table.to_json();
+            body["sweep"] = json!(sweep.id);
+            Ok(body.to_string().into_bytes())
+        }
+        Kind::Text(format) => Ok(table.write(format).into_bytes()),
     }
-    let mut body = table.to_json();
-    body["sweep"] = json!(sweep.id);
-    Ok(body.to_string())
 }
 
 /// What a table of `sweep` after `query` needs: the cells, and single values only for medians and times.
@@ -102,7 +136,15 @@ pub(crate) async fn sweep_data(
     sweep: &Sweep,
     query: &Query,
 ) -> Result<SweepData, StoreError> {
-    let cells = coordinator.cells(sweep.id).await?;
+    data_of(coordinator, sweep, coordinator.cells(sweep.id).await?, query).await
+}
+
+async fn data_of(
+    coordinator: &Coordinator,
+    sweep: &Sweep,
+    cells: Vec<CellSummary>,
+    query: &Query,
+) -> Result<SweepData, StoreError> {
     let values = if query.needs_values() { coordinator.values(sweep.id, None).await? } else { Vec::new() };
     Ok(SweepData::new(sweep.factors.clone(), cells, values))
 }

@@ -18,13 +18,13 @@ use statrs::distribution::{ContinuousCDF, Normal};
 use super::pairs::Pairs;
 
 /// Resamples.
-const RESAMPLES: usize = 2_000;
+pub(crate) const RESAMPLES: usize = 2_000;
 
 /// From so many runs on the interval is the normal one.
-const NORMAL_FROM: usize = 2_000;
+pub(crate) const NORMAL_FROM: usize = 2_000;
 
 /// The 97.5 % quantile of the standard normal distribution.
-const Z_975: f64 = 1.959_963_984_540_054;
+pub(crate) const Z_975: f64 = 1.959_963_984_540_054;
 
 /// What is made of the ratios of groups of runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,7 +86,7 @@ pub(crate) fn interval(contrast: Contrast, groups: &[&Pairs]) -> Option<[f64; 2]
     }
     let mut figures = resampled(contrast, groups);
     figures.sort_by(f64::total_cmp);
-    accelerated_ends(&figures, estimate, acceleration(&influences))
+    accelerated_ends(&figures, estimate, estimate.abs(), acceleration(&influences))
 }
 
 /// By how much each run moves the figure.
@@ -102,7 +102,8 @@ fn influences(contrast: Contrast, groups: &[&Pairs]) -> Option<Vec<f64>> {
     Some(influences)
 }
 
-fn acceleration(influences: &[f64]) -> f64 {
+/// The acceleration of BCa from the influence of each draw.
+pub(crate) fn acceleration(influences: &[f64]) -> f64 {
     let squares: f64 = influences.iter().map(|influence| influence * influence).sum();
     let cubes: f64 = influences.iter().map(|influence| influence.powi(3)).sum();
     let acceleration = cubes / (6.0 * squares.powf(1.5));
@@ -111,7 +112,7 @@ fn acceleration(influences: &[f64]) -> f64 {
 
 /// The figure of each resample that has one.
 fn resampled(contrast: Contrast, groups: &[&Pairs]) -> Vec<f64> {
-    let mut draws = Draws(0x0046_7572_726f_7721);
+    let mut draws = Draws::new();
     let mut ratios = vec![0.0; groups.len()];
     let mut figure = || {
         for (ratio, group) in ratios.iter_mut().zip(groups) {
@@ -128,15 +129,15 @@ fn resampled(contrast: Contrast, groups: &[&Pairs]) -> Vec<f64> {
     (0..RESAMPLES).map(|_| figure()).filter(|figure| !figure.is_nan()).collect()
 }
 
-/// The ends of the BCa interval among sorted figures.
-fn accelerated_ends(figures: &[f64], estimate: f64, acceleration: f64) -> Option<[f64; 2]> {
+/// The ends of the BCa interval among sorted figures; `magnitude` is that of what they are computed from.
+pub(crate) fn accelerated_ends(figures: &[f64], estimate: f64, magnitude: f64, acceleration: f64) -> Option<[f64; 2]> {
     let normal = Normal::new(0.0, 1.0).ok()?;
     let n = figures.len() as f64;
     if figures.is_empty() {
         return None;
     }
     // Sums of the same runs in another order differ in their last digits.
-    let slack = 1e-12 * estimate.abs();
+    let slack = 1e-12 * magnitude;
     let below = figures.partition_point(|figure| *figure < estimate - slack) as f64;
     let not_above = figures.partition_point(|figure| *figure <= estimate + slack) as f64;
     let share = (0.5 * (below + not_above) / n).clamp(0.5 / n, 1.0 - 0.5 / n);
@@ -148,9 +149,14 @@ fn accelerated_ends(figures: &[f64], estimate: f64, acceleration: f64) -> Option
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014).
-struct Draws(u64);
+pub(crate) struct Draws(u64);
 
 impl Draws {
+    /// The draws of every interval.
+    pub(crate) fn new() -> Self {
+        Self(0x0046_7572_726f_7721)
+    }
+
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -159,7 +165,7 @@ impl Draws {
     }
 
     /// A number from 0 to below `n`, which is at most 2^32.
-    fn below(&mut self, n: usize) -> usize {
+    pub(crate) fn below(&mut self, n: usize) -> usize {
         (((self.next() >> 32) * n as u64) >> 32) as usize
     }
 }

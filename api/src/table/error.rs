@@ -17,7 +17,7 @@ pub struct TableError {
 }
 
 impl TableError {
-    pub(super) fn new<T: ToString>(
+    pub(crate) fn new<T: ToString>(
         key: &'static str,
         what: &'static str,
         given: &str,

@@ -85,7 +85,7 @@ impl Metric {
 }
 
 /// The metric whose mean is the success ratio.
-pub(super) const SUCCESS: &str = "success";
+pub(crate) const SUCCESS: &str = "success";
 
 /// All metrics that have a place in tables, in this order.
 static METRICS: [Metric; 55] = [
@@ -175,12 +175,12 @@ pub(super) fn ratios_of_sums() -> impl Iterator<Item = (&'static str, OfSums)> {
 }
 
 /// Names of all metrics that have a place in tables.
-pub(super) fn listed() -> impl Iterator<Item = &'static str> {
+pub(crate) fn listed() -> impl Iterator<Item = &'static str> {
     METRICS.iter().map(|metric| metric.name.as_ref())
 }
 
 /// Where tables show the metric: those of the list first, the others behind them by name.
-pub(super) fn order(name: &str) -> (usize, &str) {
+pub(crate) fn order(name: &str) -> (usize, &str) {
     (METRICS.iter().position(|metric| metric.name == name).unwrap_or(METRICS.len()), name)
 }
 

@@ -20,7 +20,7 @@ pub(crate) fn superscript(count: usize) -> String {
 pub(super) const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
 
 /// A number for programs: the shortest text that reads back as the same bits, with a point.
-pub(super) fn exact(value: f64) -> String {
+pub(crate) fn exact(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 || (1e-5..1e16).contains(&magnitude) { value.to_string() } else { format!("{value:e}") }
 }

@@ -51,7 +51,8 @@ impl Query {
     }
 }
 
-fn list(words: &str) -> Vec<String> {
+/// A list separated by commas.
+pub(crate) fn list(words: &str) -> Vec<String> {
     words.split(',').map(str::trim).filter(|word| !word.is_empty()).map(str::to_owned).collect()
 }
 

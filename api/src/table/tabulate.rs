@@ -167,6 +167,12 @@ impl Table {
         }
     }
 
+    /// The table as rows and columns for programs, in full precision.
+    #[must_use]
+    pub fn exact_grid(&self) -> Grid {
+        for_programs(self)
+    }
+
     /// The table as rows and columns for people.
     #[must_use]
     pub fn grid(&self) -> Grid {

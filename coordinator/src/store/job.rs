@@ -11,15 +11,16 @@ use crate::view::{JobCursor, JobFilter, JobItem, JobPage};
 pub(crate) use crate::store::job_detail::get;
 
 /// Jobs by cell, then job, behind (?3, ?4): of sweep ?1 (its cells are neighbours), in state ?2, with labels ?5.
-const LIST: &str = "select job.id, job.key, cell.sweep_id, cell.id, job.state, cell.factors, job.seed, job.attempt,
+pub(super) const LIST: &str =
+    "select job.id, job.key, cell.sweep_id, cell.id, job.state, cell.factors, job.seed, job.attempt,
         worker.uid, result.outcome, result.digest
-    from cell cross join cell_job on cell_job.cell_id = cell.id cross join job on job.id = cell_job.job_id
+    from cell cross join cell_job on cell_job.cell_id = cell.id and cell_job.job_id > iif(cell.id = ?3, ?4, 0)
+        cross join job on job.id = cell_job.job_id
         left join result on result.job_id = job.id
         left join claim on claim.id = coalesce(result.claim_id, job.claim_id)
         left join worker on worker.id = claim.worker_id
     where cell.id between max(?3, coalesce((select min(id) from cell where sweep_id = ?1), 0))
             and coalesce((select max(id) from cell where sweep_id = ?1), iif(?1 is null, 9223372036854775807, 0))
-        and (cell.id > ?3 or job.id > ?4)
         and (?2 is null or job.state = ?2)
         and cell.sweep_id not in (select sweep_id from unlisted)
         and not exists (

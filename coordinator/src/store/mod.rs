@@ -37,6 +37,7 @@ pub(crate) mod removal;
 pub(crate) mod renew;
 pub(crate) mod result;
 mod rows;
+pub(crate) mod run_rows;
 pub(crate) mod runs;
 pub(crate) mod scenario;
 pub(crate) mod settle;
@@ -46,6 +47,7 @@ pub(crate) mod tally;
 pub(crate) mod token;
 pub(crate) mod transaction;
 pub(crate) mod transition;
+pub(crate) mod unfinished;
 pub(crate) mod values;
 pub(crate) mod verification;
 pub(crate) mod worker;
@@ -253,6 +255,7 @@ mod tests {
             removal::STATEMENTS,
             renew::STATEMENTS,
             result::STATEMENTS,
+            run_rows::STATEMENTS,
             runs::STATEMENTS,
             scenario::STATEMENTS,
             settle::STATEMENTS,
@@ -262,6 +265,7 @@ mod tests {
             token::STATEMENTS,
             transaction::STATEMENTS,
             transition::STATEMENTS,
+            unfinished::STATEMENTS,
             values::STATEMENTS,
             verification::STATEMENTS,
             verification::REPORT_STATEMENTS,

@@ -1,18 +1,20 @@
 //! The routes on a real coordinator, with results that a test hands in as a worker would.
 
 mod access;
+mod comparisons;
 mod control;
 mod metrics;
 mod problems;
 mod publications;
 mod resources;
+mod results;
 mod runs;
 mod workers;
 
 use std::collections::BTreeMap;
 
 use axum::body::{Body, to_bytes};
-use axum::http::header::{ACCEPT, CONTENT_TYPE};
+use axum::http::header::{ACCEPT, CONTENT_TYPE, IF_NONE_MATCH};
 use axum::http::{HeaderMap, Request};
 use furrow_coordinator::{Config, Coordinator, Store};
 use furrow_schema::id::{Credential, Digest, RequestId, WorkerId};
@@ -76,6 +78,10 @@ impl Service {
 
     async fn get_as(&self, path: &str, accept: &str) -> Answer {
         self.send(Request::get(path).header(ACCEPT, accept).body(Body::empty()).unwrap()).await
+    }
+
+    async fn get_if_changed(&self, path: &str, tag: &str) -> Answer {
+        self.send(Request::get(path).header(IF_NONE_MATCH, tag).body(Body::empty()).unwrap()).await
     }
 
     async fn post(&self, body: &Value, headers: &[(&str, &str)]) -> Answer {

@@ -84,6 +84,18 @@ async fn a_bad_parameter_is_refused_by_its_name() {
         ("/v1/sweeps/1/table?columns=weather", "columns"),
         ("/v1/sweeps/1/table?statistic=mode", "statistic"),
         ("/v1/sweeps/1/table?format=pdf", "format"),
+        ("/v1/sweeps/1/results?format=xlsx", "format"),
+        ("/v1/sweeps/1/results?limit=3", "limit"),
+        ("/v1/sweeps/1/compare", "factor"),
+        ("/v1/sweeps/1/compare?factor=weather&a=rgop&b=oracle", "factor"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop", "b"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=ruby&b=rgop", "a"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=rgop", "b"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&metric=beauty", "metric"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&group_by=algorithm", "group_by"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&format=pdf", "format"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&colour=red", "colour"),
+        ("/v1/sweeps/1/compare?other=x", "other"),
         ("/v1/jobs/1/trajectory?format=gpx", "format"),
         ("/v1/publications/guyonneau2022/table-2?sweep=x", "sweep"),
     ] {
@@ -100,6 +112,8 @@ async fn what_is_not_there_is_not_found() {
         "/v1/sweeps/-1",
         "/v1/sweeps/99999999999999999999",
         "/v1/sweeps/9/table",
+        "/v1/sweeps/9/compare",
+        "/v1/sweeps/9/results",
         "/v1/jobs/9",
         "/v1/jobs/x",
         "/v1/jobs/9/trajectory",
@@ -113,6 +127,8 @@ async fn what_is_not_there_is_not_found() {
         check(&service.get(path).await, 404, None);
     }
     check(&service.get("/v1/publications/nobody/table-1").await, 404, Some("source"));
+    service.post(&json!({"plan": plan(), "seeds": 1}), &[]).await;
+    check(&service.get("/v1/sweeps/1/compare?other=9").await, 404, Some("other"));
     check(&service.get("/v1/publications/guyonneau2022/table-99").await, 404, Some("table"));
 }
 

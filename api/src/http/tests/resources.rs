@@ -17,6 +17,14 @@ async fn a_submission_is_created_once_and_found_again() {
     let conflict = service.post(&other, &[("Idempotency-Key", "k1")]).await;
     assert_eq!((conflict.status, conflict.json()["key"].clone()), (409, json!("Idempotency-Key")));
 
+    for (key, value) in
+        [("priority", json!(4)), ("name", json!("day")), ("record", json!(true)), ("timing", json!(true))]
+    {
+        let mut other = body.clone();
+        other[key] = value;
+        assert_eq!(service.post(&other, &[("Idempotency-Key", "k1")]).await.status, 409, "{key}");
+    }
+
     let sweep = service.get("/v1/sweeps/1").await.json();
     assert_eq!([&sweep["name"], &sweep["state"], &sweep["plan"]], ["night", "active", "guyonneau2022/two-by-two"]);
     assert_eq!([&sweep["total"], &sweep["queued"], &sweep["priority"]].map(Value::as_u64), [Some(4), Some(4), Some(3)]);
@@ -72,6 +80,27 @@ async fn a_table_comes_in_every_form() {
     let markdown = service.get_as(&format!("{path}&format=md"), "text/csv").await;
     assert!(markdown.body.contains("|") && markdown.body.contains("rgop"), "{}", markdown.body);
     assert_eq!(service.get_as(path, "image/png").await.header("content-type"), "application/json");
+}
+
+#[tokio::test]
+async fn a_table_that_is_known_is_not_sent_again_until_a_result_comes() {
+    let service = Service::with_results(2).await;
+    service.post(&json!({"plan": plan(), "seeds": 3}), &[]).await;
+    let path = "/v1/sweeps/2/table?metric=success";
+    let table = service.get(path).await;
+    let tag = table.header("etag").to_owned();
+    assert!(tag.len() > 10 && table.header("cache-control") == "private, no-cache", "{tag}");
+    let again = service.get_if_changed(path, &tag).await;
+    assert_eq!((again.status, again.body.as_str(), again.header("etag")), (304, "", tag.as_str()));
+    assert_eq!(service.get_if_changed(&format!("{path}&format=csv"), &tag).await.status, 200, "another form");
+    assert_eq!(service.get("/v1/sweeps/2/results").await.header("etag"), "", "it may change at any moment");
+    service.work().await;
+    let changed = service.get_if_changed(path, &tag).await;
+    assert_eq!((changed.status, changed.header("etag") == tag), (200, false));
+
+    let rows = service.get("/v1/sweeps/2/results?format=csv").await;
+    let known = service.get_if_changed("/v1/sweeps/2/results?format=csv", rows.header("etag")).await;
+    assert_eq!((known.status, known.body.as_str()), (304, ""));
 }
 
 #[tokio::test]
@@ -133,6 +162,8 @@ async fn the_document_lists_every_route_with_its_schemas() {
         "/v1/publications/{source}/{table}",
         "/v1/sweeps",
         "/v1/sweeps/{sweep}",
+        "/v1/sweeps/{sweep}/compare",
+        "/v1/sweeps/{sweep}/results",
         "/v1/sweeps/{sweep}/retry",
         "/v1/sweeps/{sweep}/table",
     ];

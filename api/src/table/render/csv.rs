@@ -1,5 +1,7 @@
 //! Comma-separated values after RFC 4180.
 
+use std::borrow::Cow;
+
 use super::plain;
 use crate::table::grid::{Entry, Grid};
 
@@ -20,13 +22,17 @@ fn field(entry: &Entry) -> String {
     }
 }
 
-/// Text as a field. A spreadsheet would run a text that begins like a formula, so that gets an apostrophe
-/// before it, unless it is a number.
-fn guarded(text: &str) -> String {
+/// Text that no spreadsheet runs: one that begins like a formula gets an apostrophe before it, unless it is a number.
+pub(crate) fn harmless(text: &str) -> Cow<'_, str> {
     let formula = text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) && text.parse::<f64>().is_err();
-    let text = if formula { format!("'{text}") } else { text.to_owned() };
+    if formula { Cow::Owned(format!("'{text}")) } else { Cow::Borrowed(text) }
+}
+
+/// Text as a field.
+fn guarded(text: &str) -> String {
+    let text = harmless(text);
     let quote = text.contains(['"', ',', '\r', '\n']) || text.starts_with(' ') || text.ends_with(' ');
-    if quote { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
+    if quote { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into_owned() }
 }
 
 #[cfg(test)]

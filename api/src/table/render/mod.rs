@@ -3,8 +3,11 @@
 mod csv;
 mod latex;
 mod markdown;
+mod parquet;
 mod text;
 
+pub(crate) use csv::harmless;
+pub(crate) use parquet::parquet;
 use serde_json::{Map, Value};
 
 use super::grid::{Entry, Grid};
