@@ -10,6 +10,7 @@ mod extract;
 pub mod health;
 mod heavy;
 pub mod incidents;
+pub mod job_replay;
 pub mod jobs;
 mod layers;
 mod limiter;
@@ -72,7 +73,7 @@ impl App {
     #[must_use]
     pub fn with_access(coordinator: Coordinator, access: Access) -> Self {
         let (replays, limiter) = (Replays::default(), Limiter::default());
-        let (requests, beat) = (metrics::Requests::default(), health::Beat::default());
+        let (requests, beat) = Default::default();
         Self(Arc::new(Shared { coordinator, gate: None, replays, access, limiter, requests, beat }))
     }
 
@@ -140,6 +141,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(tables::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
+        .merge(job_replay::routes())
         .merge(incidents::routes())
         .merge(publications::routes())
         .merge(workers::routes())
