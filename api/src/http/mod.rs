@@ -6,6 +6,7 @@
 //! document at `/openapi.json` is made from the handlers themselves.
 
 pub mod access;
+pub mod events;
 mod extract;
 pub mod health;
 mod heavy;
@@ -56,6 +57,7 @@ struct Shared {
     coordinator: Coordinator,
     gate: Option<Gate>,
     replays: Replays,
+    seats: events::Seats,
     access: Access,
     limiter: Limiter,
     requests: metrics::Requests,
@@ -73,8 +75,8 @@ impl App {
     #[must_use]
     pub fn with_access(coordinator: Coordinator, access: Access) -> Self {
         let (replays, limiter) = (Replays::default(), Limiter::default());
-        let (requests, beat) = Default::default();
-        Self(Arc::new(Shared { coordinator, gate: None, replays, access, limiter, requests, beat }))
+        let (requests, beat, seats) = Default::default();
+        Self(Arc::new(Shared { coordinator, gate: None, replays, seats, access, limiter, requests, beat }))
     }
 
     /// The same with who lets workers in, where a local network is served.
@@ -95,6 +97,10 @@ impl App {
 
     fn replays(&self) -> &Replays {
         &self.0.replays
+    }
+
+    fn seats(&self) -> &events::Seats {
+        &self.0.seats
     }
 
     fn access(&self) -> &Access {
@@ -142,6 +148,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(jobs::routes())
         .merge(trajectories::routes())
         .merge(job_replay::routes())
+        .merge(events::routes())
         .merge(incidents::routes())
         .merge(publications::routes())
         .merge(workers::routes())

@@ -2,6 +2,7 @@
 
 mod access;
 mod control;
+mod events;
 mod metrics;
 mod problems;
 mod publications;
