@@ -18,6 +18,7 @@ mod limiter;
 mod listen;
 mod metrics;
 mod negotiate;
+mod page;
 pub mod plans;
 pub mod problem;
 pub mod publications;
@@ -28,6 +29,7 @@ pub mod sweeps;
 pub mod tables;
 pub mod tls;
 pub mod trajectories;
+pub mod values;
 pub mod workers;
 
 #[cfg(test)]
@@ -148,6 +150,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(jobs::routes())
         .merge(trajectories::routes())
         .merge(job_replay::routes())
+        .merge(values::routes())
         .merge(events::routes())
         .merge(incidents::routes())
         .merge(publications::routes())
@@ -165,7 +168,7 @@ pub fn router(app: App) -> Router {
         let document = Arc::clone(&document);
         async move { Json(&*document).into_response() }
     };
-    let router = router.route("/openapi.json", routing::get(openapi)).with_state(app.clone());
+    let router = router.route("/openapi.json", routing::get(openapi)).merge(page::routes()).with_state(app.clone());
     let router = router.layer(from_fn_with_state(heavy::Turns::default(), heavy::in_turn));
     let router = layers::surround(router, TIMEOUT, app.access().tls.is_some(), |router| {
         router.layer(from_fn_with_state(app.clone(), access::admit))

@@ -4,6 +4,7 @@ mod access;
 mod control;
 mod events;
 mod metrics;
+mod pages;
 mod problems;
 mod publications;
 mod resources;
