@@ -109,13 +109,15 @@ fn address(access: &Access, request: &Parts) -> IpAddr {
     if access.proxied { seen().unwrap_or(peer) } else { peer }
 }
 
-/// The scope that a request needs: none for the probes, and [`Scope::Admin`] for every change that is not known here.
+/// The scope that a request needs: none for the probes and the page, and [`Scope::Admin`] for every change that is not known here.
 fn demanded(method: &Method, uri: &Uri) -> Option<Scope> {
     let segments: Vec<_> = uri.path().split('/').skip(1).collect();
     // A purge hides in many spellings, so that any query counts as one.
     let purge = || uri.query().is_some_and(|query| !query.is_empty());
     match (method.as_str(), segments.as_slice()) {
         ("GET" | "HEAD", ["healthz" | "readyz"]) => None,
+        // The page itself holds nothing; what it shows it asks for with a token.
+        ("GET" | "HEAD", ["" | "docs"] | ["page", _]) => None,
         ("GET" | "HEAD", ["v1", "join" | "tokens", ..]) => Some(Scope::Admin),
         ("GET" | "HEAD" | "OPTIONS", _) => Some(Scope::Read),
         ("POST", ["v1", "sweeps"] | ["v1", "sweeps", _, "retry"]) => Some(Scope::Submit),

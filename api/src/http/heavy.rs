@@ -38,7 +38,7 @@ impl Turns {
     /// Whose turn this request has to wait for, if any.
     fn of(&self, request: &Request) -> Option<&Semaphore> {
         let path = request.uri().path();
-        let heavy = ["/table", "/compare", "/results", "/report"].iter().any(|end| path.ends_with(end));
+        let heavy = ["/table", "/values", "/compare", "/results", "/report"].iter().any(|end| path.ends_with(end));
         if !request.method().is_safe() {
             Some(&self.bodies)
         } else if heavy || path.starts_with("/v1/publications/") {

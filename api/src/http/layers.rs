@@ -66,7 +66,7 @@ async fn secured(mut response: Response, encrypted: bool) -> Response {
     headers.insert(X_FRAME_OPTIONS, HeaderValue::from_static("DENY"));
     headers.insert(REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
     let policy = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'";
-    headers.insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy));
+    headers.entry(CONTENT_SECURITY_POLICY).or_insert(HeaderValue::from_static(policy));
     // What one token opens must not come out of a cache for somebody else.
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     if encrypted {

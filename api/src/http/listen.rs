@@ -22,6 +22,7 @@ use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
 use super::access::Peer;
+use super::events::Stopping;
 use super::{App, router};
 
 /// Connections at a time; further ones are closed at once.
@@ -63,9 +64,10 @@ pub async fn serve(listener: TcpListener, app: App, stop: CancellationToken) -> 
             tracing::debug!(%peer, "too many connections: one was closed");
             continue;
         };
-        let (router, acceptor, watcher) = (router.clone(), acceptor.clone(), graceful.watcher());
+        let connection = Connection { peer: peer.ip(), router: router.clone(), stop: stop.clone() };
+        let (acceptor, watcher) = (acceptor.clone(), graceful.watcher());
         tokio::spawn(async move {
-            if let Err(error) = converse(stream, peer.ip(), acceptor, router, watcher).await {
+            if let Err(error) = converse(stream, connection, acceptor, watcher).await {
                 tracing::debug!(%peer, %error, "a connection ended badly");
             }
             drop(place);
@@ -89,11 +91,17 @@ async fn usable(accepted: io::Result<(TcpStream, SocketAddr)>) -> Option<(TcpStr
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
+/// From whom, to what, and until when.
+struct Connection {
+    peer: IpAddr,
+    router: Router,
+    stop: CancellationToken,
+}
+
 async fn converse(
     stream: TcpStream,
-    peer: IpAddr,
+    connection: Connection,
     acceptor: Option<TlsAcceptor>,
-    router: Router,
     watcher: Watcher,
 ) -> Result<(), Failure> {
     stream.set_nodelay(true)?;
@@ -101,23 +109,24 @@ async fn converse(
     stream.set_write_timeout(Some(STALLED_FOR));
     let stream: Pin<Box<TimeoutStream<TcpStream>>> = Box::pin(stream);
     match acceptor {
-        None => answer(stream, peer, router, watcher).await,
+        None => answer(stream, connection, watcher).await,
         Some(acceptor) => {
             let stream = tokio::time::timeout(HANDSHAKE_WITHIN, acceptor.accept(stream)).await??;
-            answer(stream, peer, router, watcher).await
+            answer(stream, connection, watcher).await
         }
     }
 }
 
 async fn answer<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
     stream: S,
-    peer: IpAddr,
-    router: Router,
+    connection: Connection,
     watcher: Watcher,
 ) -> Result<(), Failure> {
+    let Connection { peer, router, stop } = connection;
     let service = hyper::service::service_fn(move |request: Request<Incoming>| {
         let mut request = request.map(Body::new);
         request.extensions_mut().insert(Peer(peer));
+        request.extensions_mut().insert(Stopping(stop.clone()));
         router.clone().oneshot(request)
     });
     let mut http = http1::Builder::new();

@@ -8,16 +8,19 @@
 pub mod access;
 pub mod comparisons;
 mod etag;
+pub mod events;
 mod extract;
 pub mod health;
 mod heavy;
 pub mod incidents;
+pub mod job_replay;
 pub mod jobs;
 mod layers;
 mod limiter;
 mod listen;
 mod metrics;
 mod negotiate;
+mod page;
 pub mod plans;
 pub mod problem;
 pub mod publications;
@@ -29,6 +32,7 @@ pub mod sweeps;
 pub mod tables;
 pub mod tls;
 pub mod trajectories;
+pub mod values;
 pub mod workers;
 
 #[cfg(test)]
@@ -58,6 +62,7 @@ struct Shared {
     coordinator: Coordinator,
     gate: Option<Gate>,
     replays: Replays,
+    seats: events::Seats,
     access: Access,
     limiter: Limiter,
     requests: metrics::Requests,
@@ -75,8 +80,8 @@ impl App {
     #[must_use]
     pub fn with_access(coordinator: Coordinator, access: Access) -> Self {
         let (replays, limiter) = (Replays::default(), Limiter::default());
-        let (requests, beat) = (metrics::Requests::default(), health::Beat::default());
-        Self(Arc::new(Shared { coordinator, gate: None, replays, access, limiter, requests, beat }))
+        let (requests, beat, seats) = Default::default();
+        Self(Arc::new(Shared { coordinator, gate: None, replays, seats, access, limiter, requests, beat }))
     }
 
     /// The same with who lets workers in, where a local network is served.
@@ -97,6 +102,10 @@ impl App {
 
     fn replays(&self) -> &Replays {
         &self.0.replays
+    }
+
+    fn seats(&self) -> &events::Seats {
+        &self.0.seats
     }
 
     fn access(&self) -> &Access {
@@ -145,6 +154,9 @@ fn resources() -> OpenApiRouter<App> {
         .merge(results::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
+        .merge(job_replay::routes())
+        .merge(values::routes())
+        .merge(events::routes())
         .merge(incidents::routes())
         .merge(publications::routes())
         .merge(workers::routes())
@@ -161,7 +173,7 @@ pub fn router(app: App) -> Router {
         let document = Arc::clone(&document);
         async move { Json(&*document).into_response() }
     };
-    let router = router.route("/openapi.json", routing::get(openapi)).with_state(app.clone());
+    let router = router.route("/openapi.json", routing::get(openapi)).merge(page::routes()).with_state(app.clone());
     let router = router.layer(from_fn_with_state(heavy::Turns::default(), heavy::in_turn));
     let router = layers::surround(router, TIMEOUT, app.access().tls.is_some(), |router| {
         router.layer(from_fn_with_state(app.clone(), access::admit))

@@ -1,11 +1,13 @@
 //! `/v1/publications/{source}/{table}`: published values with ours beside them.
 
+use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use furrow_schema::id::SweepId;
 use furrow_schema::sweep::Sweep;
+use serde::Serialize;
 use serde_json::json;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -24,8 +26,43 @@ const PAGE: u32 = 200;
 /// Plans of a publication whose claims are checked together: their values are in memory at once.
 const SWEEPS_OF_CLAIMS: usize = 16;
 
+/// Published tables.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct Publications {
+    /// By publication, in the paper's order.
+    pub items: Vec<PublishedTable>,
+}
+
+/// A published table.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct PublishedTable {
+    /// The publication, such as `guyonneau2022`.
+    pub source: &'static str,
+    /// The table, such as `table-2`; `claims` is what the paper says in words.
+    pub table: &'static str,
+}
+
 pub(super) fn routes() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(get_publication))
+    OpenApiRouter::new().routes(routes!(list_publications)).routes(routes!(get_publication))
+}
+
+/// The published tables, of all publications or those that belong to a sweep's plan.
+#[utoipa::path(get, path = "/v1/publications", tag = "publications",
+    params(("sweep" = Option<SweepId>, Query, description = "only the tables that this sweep can be held against")),
+    responses((status = 200, body = Publications), (status = "default", body = Problem, content_type = "application/problem+json")))]
+async fn list_publications(State(app): State<App>, mut params: Params) -> Result<Json<Publications>, Problem> {
+    let asked: Option<SweepId> = params.parsed("sweep")?;
+    params.finish()?;
+    let tables = match asked {
+        Some(id) => {
+            let sweep = app.sweep(id).await?;
+            let data = SweepData::new(sweep.factors, app.coordinator().cells(id).await?, Vec::new());
+            publication::tables_of(&sweep.plan, &data)
+        }
+        None => publication::all_tables(),
+    };
+    let items = tables.into_iter().map(|(source, table)| PublishedTable { source, table }).collect();
+    Ok(Json(Publications { items }))
 }
 
 /// A published table, cell by cell beside the results of a sweep.

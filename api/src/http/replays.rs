@@ -4,8 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use furrow_schema::id::{Digest, JobId};
-use furrow_sim::{Pose, RunResult};
-use furrow_worker::replay::{ReplayError, rerun};
+use furrow_worker::replay::{ReplayError, Rerun, rerun};
 use tokio::sync::Semaphore;
 
 use super::problem::Problem;
@@ -16,16 +15,11 @@ const AT_ONCE: usize = 2;
 /// Runs that wait for their turn before further ones are refused.
 const WAITING: usize = 32;
 
-/// Finished runs that are kept, about half a megabyte each.
-const KEPT: usize = 16;
+/// Finished runs that are kept, one to two megabytes each.
+const KEPT: usize = 8;
 
 /// A run that was repeated.
-pub(super) struct Replay {
-    /// What came out.
-    pub(super) result: RunResult,
-    /// Poses every 0.05 s from 0 s on.
-    pub(super) path: Vec<Pose>,
-}
+pub(super) type Replay = Rerun;
 
 /// What to repeat.
 pub(super) struct Order {
@@ -73,11 +67,11 @@ impl Replays {
             let _turn = turn;
             rerun(&scenario, seed)
         });
-        let (result, path) = running.await.map_err(|error| Problem::internal(&error))?.map_err(refused)?;
-        if Digest(result.digest) != digest {
+        let replay = running.await.map_err(|error| Problem::internal(&error))?.map_err(refused)?;
+        if Digest(replay.result.digest) != digest {
             return Err(other_engine("the repeated run has another digest than the recorded one"));
         }
-        Ok(self.keep(job, digest, Replay { result, path }))
+        Ok(self.keep(job, digest, replay))
     }
 
     fn kept(&self, order: &Order) -> Option<Arc<Replay>> {

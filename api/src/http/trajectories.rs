@@ -101,13 +101,18 @@ async fn get_drawing(State(app): State<App>, Path(name): Path<String>, params: P
 }
 
 fn draw(job: &JobDetail, replay: &Replay) -> Result<String, Problem> {
+    Ok(svg::trajectory(&scenario(job)?, Seed(job.seed), &replay.path, &replay.result))
+}
+
+/// What was run.
+pub(super) fn scenario(job: &JobDetail) -> Result<Scenario, Problem> {
     let value = serde_json::from_str(&job.scenario_json).map_err(|error| Problem::internal(&error))?;
-    let scenario = Scenario::from_value(value).map_err(|error| Problem::internal(&error))?;
-    Ok(svg::trajectory(&scenario, Seed(job.seed), &replay.path, &replay.result))
+    Scenario::from_value(value).map_err(|error| Problem::internal(&error))
 }
 
 impl App {
-    async fn replay(&self, job: &JobDetail) -> Result<Arc<Replay>, Problem> {
+    /// The finished run of `job`, repeated.
+    pub(super) async fn replay(&self, job: &JobDetail) -> Result<Arc<Replay>, Problem> {
         let result = finished(job)?;
         let order =
             Order { job: job.id, scenario: job.scenario_json.as_str().into(), seed: job.seed, digest: result.digest };

@@ -261,7 +261,8 @@ fn shown(app: &App, name: &str, worker: Option<WorkerInfo>) -> Result<Json<Worke
     worker.map(|worker| Json(line(app, worker))).ok_or_else(|| Problem::not_found("worker", name))
 }
 
-fn line(app: &App, worker: WorkerInfo) -> WorkerLine {
+/// A worker as a line of the list.
+pub(super) fn line(app: &App, worker: WorkerInfo) -> WorkerLine {
     let now_ms = app.coordinator().now_ms();
     let state = match worker {
         WorkerInfo { revoked_ms: Some(_), .. } => WorkerState::Revoked,

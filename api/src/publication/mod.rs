@@ -192,6 +192,17 @@ impl Comparison {
     }
 }
 
+/// All published tables, as (source, table).
+#[must_use]
+pub fn all_tables() -> Vec<(&'static str, &'static str)> {
+    let of = |source: &&'static str| {
+        let source = *source;
+        let names = reference::of(source).map(|table| table.name);
+        names.chain(claims::exist(source).then_some(CLAIMS)).map(move |table| (source, table))
+    };
+    sources().iter().flat_map(of).collect()
+}
+
 /// The published tables that belong to a sweep of `plan`, as (source, table): tables of times only where the
 /// sweep has measured times.
 #[must_use]

@@ -9,7 +9,9 @@
 mod backup;
 mod bad_input;
 mod bad_requests;
+mod browser;
 mod control;
+mod dashboard;
 mod database;
 mod deploy;
 mod full_disk;

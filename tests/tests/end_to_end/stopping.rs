@@ -10,6 +10,8 @@ use crate::server::Server;
 /// A worker leaves this soon. It interrupts its runs; the rest is for a busy machine.
 const WORKER_LEAVES_WITHIN: Duration = Duration::from_secs(5);
 const SERVER_LEAVES_WITHIN: Duration = Duration::from_secs(10);
+/// Less than requests under way are given.
+const LISTENERS_LEAVE_WITHIN: Duration = Duration::from_secs(4);
 
 /// More than a worker can do before it is told to stop.
 fn long_sweep() -> Value {
@@ -20,6 +22,16 @@ fn long_sweep() -> Value {
 fn busy_worker(jobs: &Value) -> Option<String> {
     let held = jobs["items"].as_array()?;
     held.get(1).and_then(|job| job["worker"].as_str()).map(str::to_owned)
+}
+
+#[tokio::test]
+async fn who_listens_to_events_hears_the_end_of_the_server_and_does_not_delay_it() {
+    let directory = directory();
+    let mut server = Server::start(&path(&directory, "served.db"), 0).await;
+    let mut listener = server.get("/v1/events").await;
+    assert!(listener.chunk().await.unwrap().is_some(), "it tells of the workers at once");
+    assert_eq!(server.process.terminate(LISTENERS_LEAVE_WITHIN).await.code(), Some(0));
+    while listener.chunk().await.expect("the stream ends as it should").is_some() {}
 }
 
 #[tokio::test]

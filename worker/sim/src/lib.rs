@@ -29,6 +29,7 @@ mod lane_view;
 #[cfg(test)]
 mod table5;
 
+pub use furrow_navigation::perception::Scan;
 pub use pose::Pose;
-pub use run::{Outcome, Part, Probe, RunResult, Seed, simulate};
+pub use run::{Outcome, Part, Probe, RunResult, Seed, Sight, simulate};
 pub use scenario::{Scenario, ScenarioError};

@@ -54,9 +54,9 @@ impl Guarded {
 }
 
 #[tokio::test]
-async fn beyond_this_machine_every_route_needs_a_token_but_the_probes() {
+async fn beyond_this_machine_every_route_needs_a_token_but_the_probes_and_the_page() {
     let guarded = Guarded::start(1_000).await;
-    for path in ["/v1/sweeps", "/v1/plans", "/metrics", "/openapi.json", "/nowhere", "/"] {
+    for path in ["/v1/sweeps", "/v1/plans", "/metrics", "/openapi.json", "/nowhere", "/page/a/b", "/v1/events"] {
         let answer = guarded.ask("GET", path, None).await;
         assert_eq!((answer.status, answer.header("content-type")), (401, MEDIA_TYPE), "{path}");
         assert!(answer.header("www-authenticate").starts_with("Bearer"), "{path}");
@@ -65,6 +65,9 @@ async fn beyond_this_machine_every_route_needs_a_token_but_the_probes() {
     for path in ["/healthz", "/readyz"] {
         let answer = guarded.ask("GET", path, None).await;
         assert_eq!((answer.status, answer.json()), (200, json!({"status": "ok"})), "strangers learn no more");
+    }
+    for path in ["/", "/docs", "/page/main.js"] {
+        assert_eq!(guarded.ask("GET", path, None).await.status, 200, "the page can ask for a token");
     }
     guarded.stop().await;
 }

@@ -3,7 +3,9 @@
 mod access;
 mod comparisons;
 mod control;
+mod events;
 mod metrics;
+mod pages;
 mod problems;
 mod publications;
 mod resources;

@@ -122,7 +122,9 @@ async fn what_is_not_there_is_not_found() {
         "/v1/publications/guyonneau2022/table-2?sweep=9",
         "/v2/sweeps",
         "/v1/sweeps/1/%ff",
-        "/",
+        "/v1/sweeps/9/values?metric=success",
+        "/v1/sweeps/9/events",
+        "/v1/jobs/9/replay",
     ] {
         check(&service.get(path).await, 404, None);
     }

@@ -7,7 +7,9 @@ use furrow_navigation::mission::{LaneFollower, LaneParams};
 use furrow_navigation::perception::Points;
 use furrow_navigation::random::Stream;
 
-use super::{Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_S, STEPS_PER_SAMPLE, Seed, timed};
+use super::{
+    Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_S, STEPS_PER_SAMPLE, Seed, Sight, timed,
+};
 use crate::field::{Field, FieldSpec, Lane};
 use crate::lidar::{OnePlanarLidarParams, SensorsSpec, TiltedLidar};
 use crate::motion_sensors::MotionSensors;
@@ -153,6 +155,7 @@ impl Pilot {
         let prior = timed(probe, Part::LanePrediction, || follower.predict(twist, dt_s));
         let (perception, random) = (&mut self.perception, &mut self.perception_random);
         let view = timed(probe, Part::LaneFinding, || perception.find(points, (prior, dt_s), random, place));
+        probe.look(world_from_lidar, &scan, Sight::Lane(view));
         let random = &mut self.estimator_random;
         let estimate = timed(probe, Part::LaneCorrection, || follower.correct(points, view, random));
         timed(probe, Part::Observe, || operator.hear(&Heard { time_s, place, view, estimate, scan, from_stem }));

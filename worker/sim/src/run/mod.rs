@@ -7,6 +7,8 @@ mod rows;
 
 use std::collections::BTreeMap;
 
+use furrow_navigation::perception::{LaneView, Line, Scan};
+
 use crate::mission::MissionSpec;
 use crate::observer::Intervention;
 use crate::{Pose, Scenario};
@@ -86,6 +88,8 @@ pub trait Probe {
     fn end(&mut self, _part: Part) {}
     /// The true pose, every 0.05 s of simulated time.
     fn pose(&mut self, _time_s: f64, _world_from_robot: Pose) {}
+    /// A LiDAR's scan, where it was truly taken, and what was found in it.
+    fn look(&mut self, _world_from_lidar: Pose, _scan: &Scan<'_>, _found: Sight<'_>) {}
     /// Asked every 0.25 s of simulated time; true ends the run with [`Outcome::Stopped`].
     fn stop(&mut self) -> bool {
         false
@@ -93,6 +97,15 @@ pub trait Probe {
 }
 
 impl Probe for () {}
+
+/// What perception found in a scan, in the LiDAR's frame.
+#[derive(Debug, Clone, Copy)]
+pub enum Sight<'a> {
+    /// Lines along rows.
+    Lines(&'a [Line]),
+    /// The lane.
+    Lane(LaneView),
+}
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
