@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use crate::bad_input::refused;
 use crate::plan::{directory, path, plan};
 use crate::process;
 use crate::server::Server;
@@ -46,6 +47,37 @@ async fn the_command_line_sees_what_the_server_has() {
     let job = server.jobs(sweep).await[0]["id"].to_string();
     let job = process::json(&["job", &job, "--url", &server.url, "--json"]).await;
     assert_eq!(job["state"], "done");
+}
+
+#[tokio::test]
+async fn levels_are_compared_and_runs_exported_by_command_as_over_http() {
+    let directory = directory();
+    let server = Server::start(&path(&directory, "served.db"), 2).await;
+    let sweep = server.submit(&json!({"plan": plan(2.0, 3)})).await;
+    server.done(sweep).await;
+    let number = sweep.to_string();
+
+    let question = ["--factor", "algorithm", "--a", "oracle", "--b", "rgop", "--metric", "mean_squared_error_mm2"];
+    let args = [&["compare", number.as_str(), "--url", &server.url, "--json"][..], &question].concat();
+    let compared = process::json(&args).await;
+    assert_eq!((&compared["groups"][0]["pairs"], &compared["groups"][0]["incomplete"]), (&json!(6), &json!(0)));
+    let asked = format!("/v1/sweeps/{sweep}/compare?factor=algorithm&a=oracle&b=rgop&metric=mean_squared_error_mm2");
+    assert_eq!(server.json(&asked).await["groups"], compared["groups"]);
+    let wrong = ["compare", &number, "--url", &server.url, "--factor", "algorithm", "--a", "oracle", "--b", "ruby"];
+    refused(&wrong, &["ruby", "rgop"]).await;
+
+    for (format, begins) in [("csv", &b"job,"[..]), ("json", b"{"), ("parquet", b"PAR1")] {
+        let file = path(&directory, &format!("runs.{format}"));
+        let args = ["export", &number, "--url", &server.url, "--format", format, "--output", &file];
+        let exported = process::finished(&args).await;
+        assert_eq!(exported.code, Some(0), "{exported:?}");
+        let bytes = std::fs::read(&file).unwrap();
+        assert!(bytes.starts_with(begins), "{format}: {:?}", String::from_utf8_lossy(&bytes[..20]));
+        if format != "parquet" {
+            let lines = bytes.iter().filter(|byte| **byte == b'\n').count();
+            assert_eq!(lines, 12 + usize::from(format == "csv"), "a line a run");
+        }
+    }
 }
 
 #[tokio::test]
