@@ -98,7 +98,7 @@ export class Scene {
     this.drawField(context);
     this.drawPath(context, time);
     this.drawInterventions(context, time);
-    this.drawGlimpses(context, time);
+    this.drawScans(context, time);
     this.drawRobot(context, pose);
     this.drawMeasure(context);
   }
@@ -184,14 +184,14 @@ export class Scene {
     this.stroke(context, this.colours.bad, 2);
   }
 
-  drawGlimpses(context, time) {
-    const { glimpses } = this.replay;
-    const last = lastUntil(glimpses, time);
-    for (let i = last; i >= 0 && glimpses[i].time_s === glimpses[last].time_s; i -= 1)
-      this.drawGlimpse(context, glimpses[i]);
+  drawScans(context, time) {
+    const { scans } = this.replay;
+    const last = lastUntil(scans, time);
+    for (let i = last; i >= 0 && scans[i].time_s === scans[last].time_s; i -= 1)
+      this.drawScan(context, scans[i]);
   }
 
-  drawGlimpse(context, { world_from_lidar: [x, y, heading], points_cm: points, lines_cm: lines }) {
+  drawScan(context, { world_from_lidar: [x, y, heading], points_cm: points, lines_cm: lines }) {
     const [sin, cos] = [Math.sin(heading) / 100, Math.cos(heading) / 100];
     const at = (u, v) => [this.px(x + cos * u - sin * v), this.py(y + sin * u + cos * v)];
     if (this.shows.lines) {

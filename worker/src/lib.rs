@@ -6,14 +6,13 @@
 //! conversations that go on meanwhile; [`spool`] keeps finished runs on disk until they are acknowledged, and
 //! `spooling` is how they get there; [`runner`] is one run, with its stopwatch ([`timing`]) and its recorder
 //! ([`trajectory`]). [`lan`] is how a worker gets in at a coordinator on a local network. [`replay`] runs a finished job
-//! again to see its path and, in `glimpses`, what its LiDARs saw. With a [`Pace`] a worker lives in simulated time.
+//! again to see its path and, in `scans`, what its LiDARs saw. With a [`Pace`] a worker lives in simulated time.
 
 mod backoff;
 mod board;
 mod claims;
 mod conversation;
 mod gathering;
-mod glimpses;
 pub mod lan;
 pub mod link;
 pub mod pace;
@@ -22,6 +21,7 @@ mod renewals;
 pub mod replay;
 mod reports;
 pub mod runner;
+mod scans;
 mod scenarios;
 pub mod spool;
 mod spooling;

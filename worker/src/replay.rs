@@ -4,10 +4,10 @@ use std::panic::catch_unwind;
 
 use furrow_sim::{Pose, RunResult, Seed, simulate};
 
-pub use crate::glimpses::Glimpse;
-use crate::glimpses::Watcher;
 use crate::pool::panic_message;
 use crate::runner::{ReadError, read_scenario};
+use crate::scans::ScanRecorder;
+pub use crate::scans::ThinnedScan;
 
 /// Why a job cannot be run again.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -28,7 +28,7 @@ pub struct Rerun {
     /// Poses every 0.05 s from 0 s on.
     pub path: Vec<Pose>,
     /// What the LiDARs saw on the way, in order.
-    pub glimpses: Vec<Glimpse>,
+    pub scans: Vec<ThinnedScan>,
 }
 
 /// Runs `scenario_json` (as stored with the job) with `seed`, and keeps where it went and what it saw.
@@ -41,9 +41,9 @@ pub struct Rerun {
 pub fn rerun(scenario_json: &str, seed: u64) -> Result<Rerun, ReplayError> {
     let scenario = read_scenario(scenario_json).map_err(|error: ReadError| ReplayError::Scenario(error.to_string()))?;
     catch_unwind(|| {
-        let mut watcher = Watcher::default();
-        let result = simulate(&scenario, Seed(seed), &mut watcher);
-        Rerun { result, path: watcher.recorder.path, glimpses: watcher.glimpses }
+        let mut recorder = ScanRecorder::default();
+        let result = simulate(&scenario, Seed(seed), &mut recorder);
+        Rerun { result, path: recorder.path.path, scans: recorder.scans }
     })
     .map_err(|panic| ReplayError::Panicked(panic_message(panic.as_ref())))
 }
@@ -69,14 +69,14 @@ mod tests {
     }
 
     #[test]
-    fn glimpses_come_four_times_a_second_of_each_lidar_and_show_the_rows() {
-        let Rerun { path, glimpses, .. } = rerun(SHORT_RUN, 3).unwrap();
+    fn scans_come_four_times_a_second_of_each_lidar_and_show_the_rows() {
+        let Rerun { path, scans, .. } = rerun(SHORT_RUN, 3).unwrap();
         let simulated_s = 0.05 * (path.len() - 1) as f64;
-        let pairs: Vec<&[Glimpse]> = glimpses.chunks(2).collect();
+        let pairs: Vec<&[ThinnedScan]> = scans.chunks(2).collect();
         assert!(pairs.len().abs_diff((simulated_s * 4.0) as usize) <= 1, "{} in {simulated_s} s", pairs.len());
         assert!(pairs.iter().all(|pair| pair[0].time_s == pair[1].time_s));
         assert!(pairs.windows(2).all(|two| (two[1][0].time_s - two[0][0].time_s - 0.25).abs() < 1e-9));
-        let first = &glimpses[0];
+        let first = &scans[0];
         assert!(!first.points_cm.is_empty() && first.points_cm.len() <= 90);
         let across = |sign: i16| first.lines_cm.iter().any(|[_, y, ..]| (20..=120).contains(&(sign * y)));
         assert!(across(1) && across(-1), "a row on each side: {:?}", first.lines_cm);

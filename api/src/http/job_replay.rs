@@ -11,7 +11,7 @@ use furrow_sim::field::lane::FoliageKind;
 use furrow_sim::field::{Field, PlantKind};
 use furrow_sim::robot::RobotSpec;
 use furrow_sim::{Pose, Scenario};
-use furrow_worker::replay::Glimpse;
+use furrow_worker::replay::ThinnedScan;
 use serde::Serialize;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -44,7 +44,7 @@ pub struct JobReplay {
     /// The true poses: x, y \[m\], heading \[rad\].
     pub poses: Vec<[f64; 3]>,
     /// What the LiDARs saw, up to four times a second each, in order.
-    pub glimpses: Vec<ReplayGlimpse>,
+    pub scans: Vec<ReplayScan>,
     /// When an operator put the robot back, and why; in lanes.
     pub interventions: Vec<ReplayIntervention>,
 }
@@ -70,7 +70,7 @@ pub struct ReplayField {
 
 /// One thinned scan of one LiDAR, in that LiDAR's frame.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct ReplayGlimpse {
+pub struct ReplayScan {
     /// When \[s\].
     pub time_s: f64,
     /// Where the LiDAR truly was: x, y \[m\], heading \[rad\].
@@ -121,7 +121,7 @@ fn write(job: &JobDetail, replay: &Arc<Replay>) -> Result<String, Problem> {
         body_m: body_m(&scenario),
         step_s: STEP_S,
         poses: replay.path.iter().step_by(EVERY).map(rounded_pose).collect(),
-        glimpses: replay.glimpses.iter().map(ReplayGlimpse::from).collect(),
+        scans: replay.scans.iter().map(ReplayScan::from).collect(),
         interventions: interventions(replay),
         field: ReplayField::new(&field, &replay.result.damaged),
     };
@@ -172,13 +172,13 @@ impl ReplayField {
     }
 }
 
-impl From<&Glimpse> for ReplayGlimpse {
-    fn from(glimpse: &Glimpse) -> Self {
+impl From<&ThinnedScan> for ReplayScan {
+    fn from(scan: &ThinnedScan) -> Self {
         Self {
-            time_s: rounded(glimpse.time_s),
-            world_from_lidar: rounded_pose(&glimpse.world_from_lidar),
-            points_cm: glimpse.points_cm.as_flattened().to_vec(),
-            lines_cm: glimpse.lines_cm.clone(),
+            time_s: rounded(scan.time_s),
+            world_from_lidar: rounded_pose(&scan.world_from_lidar),
+            points_cm: scan.points_cm.as_flattened().to_vec(),
+            lines_cm: scan.lines_cm.clone(),
         }
     }
 }

@@ -16,6 +16,9 @@ pub(super) struct Form<T> {
     pub(super) form: T,
 }
 
+/// The media type of Apache Parquet.
+pub(super) const PARQUET: &str = "application/vnd.apache.parquet";
+
 impl<T> Form<T> {
     /// The header for an answer in this form.
     pub(super) fn content_type(&self) -> HeaderValue {

@@ -18,7 +18,7 @@ use utoipa_axum::routes;
 use super::App;
 use super::etag::Tag;
 use super::extract::Params;
-use super::negotiate::{Form, choose};
+use super::negotiate::{Form, PARQUET, choose};
 use super::problem::Problem;
 use crate::export::{self, Columns, Export};
 
@@ -28,7 +28,7 @@ const PAGE: u32 = 10_000;
 const FORMS: [Form<export::Form>; 3] = [
     Form { word: "json", media_type: "application/x-ndjson", form: export::Form::Lines },
     Form { word: "csv", media_type: "text/csv", form: export::Form::Csv },
-    Form { word: "parquet", media_type: "application/vnd.apache.parquet", form: export::Form::Parquet },
+    Form { word: "parquet", media_type: PARQUET, form: export::Form::Parquet },
 ];
 
 pub(super) fn routes() -> OpenApiRouter<App> {

@@ -17,7 +17,7 @@ use utoipa_axum::routes;
 use super::App;
 use super::etag::Tag;
 use super::extract::Params;
-use super::negotiate::{Form, choose};
+use super::negotiate::{Form, PARQUET, choose};
 use super::problem::Problem;
 use crate::table::{Format, Metric, Query, SweepData, parquet, tabulate};
 
@@ -65,7 +65,7 @@ const KINDS: [Form<Kind>; 6] = [
     kind(FORMS[2]),
     kind(FORMS[3]),
     kind(FORMS[4]),
-    Form { word: "parquet", media_type: "application/vnd.apache.parquet", form: Kind::Parquet },
+    Form { word: "parquet", media_type: PARQUET, form: Kind::Parquet },
 ];
 
 pub(super) fn routes() -> OpenApiRouter<App> {

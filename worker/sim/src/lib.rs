@@ -31,5 +31,5 @@ mod table5;
 
 pub use furrow_navigation::perception::Scan;
 pub use pose::Pose;
-pub use run::{Outcome, Part, Probe, RunResult, Seed, Sight, simulate};
+pub use run::{Detection, Outcome, Part, Probe, RunResult, Seed, simulate};
 pub use scenario::{Scenario, ScenarioError};

@@ -114,7 +114,8 @@ impl LanePerception {
     pub(crate) fn find(
         &mut self,
         points: &Points,
-        (prior, dt_s): (LaneEstimate, f64),
+        prior: LaneEstimate,
+        dt_s: f64,
         random: &mut Stream,
         truth: Place,
     ) -> LaneView {

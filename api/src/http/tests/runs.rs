@@ -53,7 +53,7 @@ async fn a_run_that_was_not_recorded_is_repeated_for_its_path() {
     assert!((replay["poses"][3][0].as_f64().unwrap() - poses[6][0].as_f64().unwrap()).abs() < 6e-4);
     assert!(replay["field"]["crop"].as_array().unwrap().len() > 100);
     assert_eq!((&replay["outcome"], &replay["step_s"]), (&job["outcome"], &json!(0.1)));
-    assert_eq!(replay["glimpses"], json!([]), "it drives without looking");
+    assert_eq!(replay["scans"], json!([]), "it drives without looking");
     farm.stop().await;
 }
 
@@ -66,10 +66,10 @@ async fn a_replay_shows_what_the_lidars_saw_among_rows_and_in_a_lane() {
     for (request, lidars, leaves) in [(rows, 2, false), (lane, 1, true)] {
         let (farm, service) = finished(&request).await;
         let replay = service.get("/v1/jobs/1/replay").await.json();
-        let glimpses = replay["glimpses"].as_array().unwrap();
-        assert!(glimpses.len().abs_diff(20 * lidars) <= lidars, "{}", glimpses.len());
-        assert!(glimpses.iter().all(|glimpse| glimpse["points_cm"].as_array().unwrap().len() <= 180));
-        let seen = |key: &str| glimpses.iter().any(|glimpse| !glimpse[key].as_array().unwrap().is_empty());
+        let scans = replay["scans"].as_array().unwrap();
+        assert!(scans.len().abs_diff(20 * lidars) <= lidars, "{}", scans.len());
+        assert!(scans.iter().all(|scan| scan["points_cm"].as_array().unwrap().len() <= 180));
+        let seen = |key: &str| scans.iter().any(|scan| !scan[key].as_array().unwrap().is_empty());
         assert!(seen("points_cm") && seen("lines_cm"));
         assert_eq!(!replay["field"]["leaves"].as_array().unwrap().is_empty(), leaves);
         farm.stop().await;

@@ -8,7 +8,7 @@ use furrow_navigation::perception::Points;
 use furrow_navigation::random::Stream;
 
 use super::{
-    Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_S, STEPS_PER_SAMPLE, Seed, Sight, timed,
+    Detection, Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_S, STEPS_PER_SAMPLE, Seed, timed,
 };
 use crate::field::{Field, FieldSpec, Lane};
 use crate::lidar::{OnePlanarLidarParams, SensorsSpec, TiltedLidar};
@@ -154,8 +154,8 @@ impl Pilot {
         let (twist, dt_s) = self.motion.take();
         let prior = timed(probe, Part::LanePrediction, || follower.predict(twist, dt_s));
         let (perception, random) = (&mut self.perception, &mut self.perception_random);
-        let view = timed(probe, Part::LaneFinding, || perception.find(points, (prior, dt_s), random, place));
-        probe.look(world_from_lidar, &scan, Sight::Lane(view));
+        let view = timed(probe, Part::LaneFinding, || perception.find(points, prior, dt_s, random, place));
+        probe.scanned(world_from_lidar, &scan, Detection::Lane(view));
         let random = &mut self.estimator_random;
         let estimate = timed(probe, Part::LaneCorrection, || follower.correct(points, view, random));
         timed(probe, Part::Observe, || operator.hear(&Heard { time_s, place, view, estimate, scan, from_stem }));

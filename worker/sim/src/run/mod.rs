@@ -89,7 +89,7 @@ pub trait Probe {
     /// The true pose, every 0.05 s of simulated time.
     fn pose(&mut self, _time_s: f64, _world_from_robot: Pose) {}
     /// A LiDAR's scan, where it was truly taken, and what was found in it.
-    fn look(&mut self, _world_from_lidar: Pose, _scan: &Scan<'_>, _found: Sight<'_>) {}
+    fn scanned(&mut self, _world_from_lidar: Pose, _scan: &Scan<'_>, _found: Detection<'_>) {}
     /// Asked every 0.25 s of simulated time; true ends the run with [`Outcome::Stopped`].
     fn stop(&mut self) -> bool {
         false
@@ -100,7 +100,7 @@ impl Probe for () {}
 
 /// What perception found in a scan, in the LiDAR's frame.
 #[derive(Debug, Clone, Copy)]
-pub enum Sight<'a> {
+pub enum Detection<'a> {
     /// Lines along rows.
     Lines(&'a [Line]),
     /// The lane.

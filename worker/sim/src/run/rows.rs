@@ -6,7 +6,7 @@ use furrow_navigation::localization::{LocalizationSpec, RowFilter};
 use furrow_navigation::mission::{Brief, RowByRow, Step};
 use furrow_navigation::random::Stream;
 
-use super::{Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_SAMPLE, Seed, Sight, timed};
+use super::{Detection, Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_SAMPLE, Seed, timed};
 use crate::field::Field;
 use crate::lidar::{PlanarLidar, SensorsSpec, TwoPlanarLidarsParams};
 use crate::mission::{HeadingHold, Layout, MissionSpec};
@@ -109,7 +109,7 @@ impl Pilot {
             let scan = timed(probe, Part::Scan, || eye.lidar.scan(&field.plants, world_from_lidar, &mut eye.noise));
             let part = if looks_back { Part::LineFindingBack } else { Part::LineFindingFront };
             let found = timed(probe, part, || eye.perception.find(&scan, &mut eye.random, (field, world_from_lidar)));
-            probe.look(world_from_lidar, &scan, Sight::Lines(found.lines));
+            probe.scanned(world_from_lidar, &scan, Detection::Lines(found.lines));
             if !looks_back {
                 observer.count_points(found.points.len());
             }

@@ -19,7 +19,7 @@ const RADIUS_M: f64 = 0.0125;
 const RADIUS_HALF_RANGE_M: f64 = 0.0025;
 /// Share of plants that did not come up. Ours.
 const FAILED_SHARE: f64 = 0.05;
-/// Plants this near to a gap get light from there and keep their lowest leaves: so many more of them each, on average.
+/// Plants this near to a gap \[m\] get light from there and keep their lowest leaves: so many more leaves each, on average.
 /// Ours, after section 6: hanging leaves at the lane's entrance block the scan.
 const EDGE_M: f64 = 0.25;
 const EDGE_LEAVES: f64 = 2.0;

@@ -1,10 +1,10 @@
-//! What a robot saw on its way, four times a second and thinned: enough to show it to people.
+//! Scans of a run and what was found in them, four times a second and thinned: enough to show them to people.
 
-use furrow_sim::{Part, Pose, Probe, Scan, Sight};
+use furrow_sim::{Detection, Part, Pose, Probe, Scan};
 
 use crate::trajectory::Recorder;
 
-/// From one glimpse to the next at least \[s\]: the control cycle of Guyonneau et al. (2022).
+/// From one kept scan to the next at least \[s\]: the control cycle of Guyonneau et al. (2022).
 const EVERY_S: f64 = 0.25;
 /// Times are sums of steps.
 const ROUNDING_S: f64 = 1e-6;
@@ -12,15 +12,15 @@ const ROUNDING_S: f64 = 1e-6;
 const POINTS: usize = 90;
 /// Lines kept of a scan at most.
 const LINES: usize = 16;
-/// A run has at most this many glimpses: two LiDARs for an hour.
-const MAX_GLIMPSES: usize = 28_800;
+/// A run has at most this many kept: two LiDARs for an hour.
+const MAX_SCANS: usize = 28_800;
 /// Lines are shown up to here ahead of the LiDAR \[m\].
 const AHEAD_M: f64 = 3.0;
 const UNITS_PER_M: f64 = 100.0;
 
 /// One scan of one LiDAR. Points and lines are in the LiDAR's frame, in centimetres.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Glimpse {
+pub struct ThinnedScan {
     /// When \[s\].
     pub time_s: f64,
     /// Where the LiDAR truly was.
@@ -31,37 +31,37 @@ pub struct Glimpse {
     pub lines_cm: Vec<[i16; 4]>,
 }
 
-/// Keeps a run's path and glimpses.
+/// Records a run's path and thinned scans.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Watcher {
-    pub(crate) recorder: Recorder,
-    pub(crate) glimpses: Vec<Glimpse>,
+pub(crate) struct ScanRecorder {
+    pub(crate) path: Recorder,
+    pub(crate) scans: Vec<ThinnedScan>,
     time_s: f64,
     taken_s: Option<f64>,
 }
 
-impl Watcher {
+impl ScanRecorder {
     fn is_due(&self) -> bool {
         self.taken_s.is_none_or(|taken_s| self.time_s - taken_s > EVERY_S - ROUNDING_S)
     }
 }
 
-impl Probe for Watcher {
+impl Probe for ScanRecorder {
     fn pose(&mut self, time_s: f64, world_from_robot: Pose) {
         self.time_s = time_s;
-        self.recorder.pose(time_s, world_from_robot);
+        self.path.pose(time_s, world_from_robot);
     }
 
-    fn look(&mut self, world_from_lidar: Pose, scan: &Scan<'_>, found: Sight<'_>) {
-        if self.is_due() && self.glimpses.len() < MAX_GLIMPSES {
+    fn scanned(&mut self, world_from_lidar: Pose, scan: &Scan<'_>, found: Detection<'_>) {
+        if self.is_due() && self.scans.len() < MAX_SCANS {
             let (points_cm, lines_cm) = (thinned(scan), lines(found));
-            self.glimpses.push(Glimpse { time_s: self.time_s, world_from_lidar, points_cm, lines_cm });
+            self.scans.push(ThinnedScan { time_s: self.time_s, world_from_lidar, points_cm, lines_cm });
         }
     }
 
     /// The robot drives on when all its LiDARs have looked.
     fn begin(&mut self, part: Part) {
-        let looked = self.glimpses.last().is_some_and(|last| last.time_s >= self.time_s);
+        let looked = self.scans.last().is_some_and(|last| last.time_s >= self.time_s);
         if part == Part::Drive && looked && self.is_due() {
             self.taken_s = Some(self.time_s);
         }
@@ -85,13 +85,13 @@ fn thinned(scan: &Scan<'_>) -> Vec<[i16; 2]> {
         .collect()
 }
 
-fn lines(found: Sight<'_>) -> Vec<[i16; 4]> {
+fn lines(found: Detection<'_>) -> Vec<[i16; 4]> {
     match found {
-        Sight::Lines(lines) => {
+        Detection::Lines(lines) => {
             let segment = |slope: f64, intercept_m: f64| [0.0, intercept_m, AHEAD_M, slope * AHEAD_M + intercept_m];
             lines.iter().take(LINES).map(|line| segment(line.slope, line.intercept_m).map(centimetres)).collect()
         }
-        Sight::Lane(view) => {
+        Detection::Lane(view) => {
             let (sin, cos) = (-view.heading_rad).sin_cos();
             let row = |across_m: f64| {
                 let foot = [-across_m * sin, across_m * cos];
