@@ -4,6 +4,7 @@ import { change, getJson, Problem } from "./api.js";
 import { h, put, uniqueId } from "./dom.js";
 import { count, several } from "./format.js";
 import { heading, note } from "./frame.js";
+import { literal, literals, parameterRows, parametersOf, readRows } from "./parameters.js";
 
 /** A labelled input with room for what is wrong with it. */
 function field(key, label, control, hint) {
@@ -52,67 +53,20 @@ function levels(factor, changed) {
   );
 }
 
-/** A row for a parameter: its dotted path and its value. */
-function setting() {
-  const path = h("input", {
-    type: "text",
-    class: "path",
-    placeholder: "perception.iterations",
-    "aria-label": "Path in the scenario",
-    spellcheck: "false",
-  });
-  const value = h("input", {
-    type: "text",
-    class: "value",
-    placeholder: "20",
-    "aria-label": "Value",
-    spellcheck: "false",
-  });
-  const row = h(
-    "div",
-    { class: "setting" },
-    h(
-      "div",
-      { class: "row" },
-      path,
-      value,
-      h(
-        "button",
-        { type: "button", class: "small", "aria-label": "Remove this parameter", onclick: () => row.remove() },
-        "\u00d7",
-      ),
-    ),
-    h("p", { class: "error", role: "alert", hidden: true }),
-  );
-  return row;
-}
-
-/** JSON where it is, else the text itself. */
-function parsed(text) {
-  try {
-    return JSON.parse(text);
-  } catch {
-    return text;
-  }
-}
-
-function read(form, plan) {
-  const body = { plan: plan.name, only: {}, set: {} };
-  for (const factor of plan.factors) {
+function read(form, plan, own) {
+  const body = { plan: plan.name, only: {}, set: readRows(form, "set", literal), vary: readRows(form, "vary", literals) };
+  if (own) body.field = own;
+  for (const factor of plan.factors.filter(({ name }) => !own || name !== "field")) {
     const boxes = [...form.querySelectorAll(`fieldset[data-key="${CSS.escape(factor.name)}"] input`)];
     const chosen = boxes.filter((box) => box.checked).map((box) => box.value);
     if (chosen.length < boxes.length) body.only[factor.name] = chosen;
   }
-  for (const row of form.querySelectorAll(".setting")) {
-    const path = row.querySelector(".path").value.trim();
-    if (path) body.set[path] = parsed(row.querySelector(".value").value.trim());
-  }
   const [seeds, name, priority] = ["seeds", "name", "priority"].map((key) =>
     form.querySelector(`[data-key="${key}"] input`).value.trim(),
   );
-  if (seeds !== "") body.seeds = parsed(seeds);
+  if (seeds !== "") body.seeds = literal(seeds);
   if (name !== "") body.name = name;
-  if (priority !== "") body.priority = parsed(priority);
+  if (priority !== "") body.priority = literal(priority);
   for (const key of ["record", "timing"]) body[key] = form.querySelector(`input[name="${key}"]`).checked;
   return body;
 }
@@ -124,6 +78,8 @@ function placeOf(form, problem) {
   const row =
     settings.find((one) => one.querySelector(".path").value.trim() === key) ??
     settings.find((one) => key.endsWith(one.querySelector(".path").value.trim() || "\0"));
+  const own = form.querySelector("[data-key='own']");
+  if (/^field\b/.test(key) && own.querySelector("input").files.length > 0) return own;
   const keys = [key, key.split(".").at(-1), key.split(/[.[]/)[0]];
   const named = keys.map((one) => one && form.querySelector(`[data-key="${CSS.escape(one)}"]`)).find(Boolean);
   return row ?? named ?? form.querySelector("[data-key='']");
@@ -149,7 +105,10 @@ function forget(form) {
 }
 
 export async function showSubmit(main, { query, signal }) {
-  const { items: plans } = await getJson("/v1/plans", signal);
+  const [{ items: plans }, ...parts] = await Promise.all(
+    ["/v1/plans", "/v1/fields", "/v1/algorithms"].map((path) => getJson(path, signal)),
+  );
+  const choices = parts.flatMap((part) => part.items);
   const [about, factors, jobs] = [
     h("div", {}),
     h("div", { class: "factors" }),
@@ -171,7 +130,20 @@ export async function showSubmit(main, { query, signal }) {
     ),
   );
   const input = (type, more) => h("input", { type, autocomplete: "off", ...more });
-  const settings = h("div", { class: "settings" });
+  const known = () => parametersOf(plan, choices);
+  const settings = parameterRows(
+    { word: "set", adds: "Add a parameter", value: "20", hint: "Value" },
+    known,
+    () => size(),
+  );
+  const varied = parameterRows(
+    { word: "vary", adds: "Add a factor", value: "5, 10, 20", hint: "Values, with commas" },
+    known,
+    () => size(),
+  );
+  // The user's own field, once a file with one is chosen.
+  let own = null;
+  const file = input("file", { accept: ".json,application/json", onchange: chooseField });
   const check = (name, label, hint) => {
     const id = uniqueId(name);
     return h(
@@ -210,8 +182,16 @@ export async function showSubmit(main, { query, signal }) {
       { class: "card" },
       h("h2", {}, "Parameters"),
       note("A dotted path in the scenario, and its value in every run."),
-      settings,
-      h("button", { type: "button", class: "small", onclick: () => settings.append(setting()) }, "Add a parameter"),
+      settings.element,
+      h("h3", {}, "Varied"),
+      note("A further factor: the values that a parameter takes, with commas."),
+      varied.element,
+    ),
+    h(
+      "section",
+      { class: "card" },
+      h("h2", {}, "Your own field"),
+      field("own", "Field file", file, "JSON; it takes the place of the plan's fields."),
     ),
     h(
       "section",
@@ -228,11 +208,28 @@ export async function showSubmit(main, { query, signal }) {
         total * factors.querySelectorAll(`fieldset[data-key="${CSS.escape(factor.name)}"] input:checked`).length,
       1,
     );
+    const values = Object.values(readRows(form, "vary", literals));
+    const cells = values.reduce((total, those) => total * those.length, own ? withoutFields(product) : product);
     const seeds = Number(form.querySelector("[data-key='seeds'] input").value || plan.seeds);
     jobs.textContent =
       product === 0
         ? "No level of a factor is chosen."
-        : `${several(product, "cell")} \u00d7 ${several(seeds, "seed")} = ${count(product * seeds)} runs or more`;
+        : `${several(cells, "cell")} \u00d7 ${several(seeds, "seed")} = ${count(cells * seeds)} runs or more`;
+  }
+  const withoutFields = (product) => {
+    const boxes = factors.querySelectorAll("fieldset[data-key='field'] input:checked");
+    return boxes.length > 0 ? product / boxes.length : product;
+  };
+  async function chooseField() {
+    own = null;
+    forget(form);
+    try {
+      if (file.files[0]) own = JSON.parse(await file.files[0].text());
+    } catch (error) {
+      show(form, { key: "own", message: `${file.files[0].name} is no JSON: ${error.message}` });
+      file.value = "";
+    }
+    size();
   }
   function choose(name) {
     plan = plans.find((one) => one.name === name);
@@ -242,6 +239,8 @@ export async function showSubmit(main, { query, signal }) {
       plan.factors.map((factor) => levels(factor, size)),
     );
     form.querySelector("[data-key='seeds'] input").placeholder = String(plan.seeds);
+    settings.refresh();
+    varied.refresh();
     size();
   }
   // One key a visit and content: a doubled click makes no second sweep.
@@ -249,7 +248,7 @@ export async function showSubmit(main, { query, signal }) {
   async function send(event) {
     event.preventDefault();
     forget(form);
-    const body = read(form, plan);
+    const body = read(form, plan, own);
     if (JSON.stringify(body) !== sent)
       [key, sent] = [crypto.getRandomValues(new Uint32Array(4)).join("-"), JSON.stringify(body)];
     submit.disabled = true;

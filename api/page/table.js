@@ -249,6 +249,8 @@ export async function tableView(body, { sweep, query, keep, signal }) {
       download("Markdown", path("md"), `sweep-${id}.md`),
       download("LaTeX", path("latex"), `sweep-${id}.tex`),
       download("JSON", path("json"), `sweep-${id}.json`),
+      h("span", { class: "muted" }, "and the whole sweep as"),
+      download("a report", `/v1/sweeps/${id}/report`, `sweep-${id}.html`),
     );
   };
   const to = (cell) => `#/sweeps/${id}/cell?${new URLSearchParams(cell.factors)}`;

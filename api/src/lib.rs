@@ -1,7 +1,8 @@
 //! The way in: plans become sweeps, results become tables, over HTTP and on the command line.
 //!
 //! Read in this order: [`plan`] expands and checks what a user asks for, [`table`] turns results into statistics and
-//! prints them, [`paired`] compares two levels of a factor, [`export`] writes all runs (`columnar` knows Parquet),
+//! prints them, [`paired`] compares two levels
+//! of a factor, [`sequential`] says when there are enough seeds, [`export`] writes all runs (`columnar` knows Parquet),
 //! [`publication`] puts tables beside published values, [`http`] serves all that, [`cli`] is the command `furrow`, and
 //! [`in_process`] joins coordinator and worker without a network.
 
@@ -14,6 +15,8 @@ pub mod in_process;
 pub mod paired;
 pub mod plan;
 pub mod publication;
+pub mod report;
+pub mod sequential;
 pub mod table;
 
 use furrow_schema::id::EngineId;

@@ -237,6 +237,14 @@ impl Coordinator {
         Ok(found)
     }
 
+    /// What was asked for when the sweep was submitted, as JSON; none if there is no such sweep.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn request_of(&self, id: SweepId) -> Result<Option<String>, StoreError> {
+        sweep::request(&self.shared.store, id).await
+    }
+
     /// A page of jobs, ordered by cell, then job.
     ///
     /// # Errors

@@ -4,16 +4,20 @@ mod backup;
 mod bench;
 mod client;
 mod compare;
+mod completions;
 mod control;
 pub mod error;
+mod examples;
 mod export;
 mod http_options;
 mod job;
 mod join;
 mod lan;
 mod output;
+mod parameters;
 mod plans;
 mod progress;
+mod report;
 mod run;
 mod scans;
 mod selection;
@@ -24,6 +28,7 @@ mod submit;
 mod table;
 mod time;
 mod token;
+mod until;
 mod watch;
 mod work;
 mod workers;
@@ -33,7 +38,7 @@ use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::sync::LazyLock;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use error::CliError;
@@ -57,6 +62,7 @@ enum Command {
     Join(join::JoinArgs),
     Workers(workers::WorkersArgs),
     Plans(plans::PlansArgs),
+    Parameters(parameters::ParametersArgs),
     Scans(scans::ScansArgs),
     Submit(submit::SubmitArgs),
     Status(status::StatusArgs),
@@ -67,10 +73,12 @@ enum Command {
     Table(table::TableArgs),
     Compare(compare::CompareArgs),
     Export(export::ExportArgs),
+    Report(report::ReportArgs),
     Job(job::JobArgs),
     Bench(bench::BenchArgs),
     Backup(backup::BackupArgs),
     Token(token::TokenArgs),
+    Completions(completions::CompletionsArgs),
 }
 
 impl Command {
@@ -90,6 +98,7 @@ impl Command {
             Self::Join(args) => join::run(args).await,
             Self::Workers(args) => workers::run(args).await,
             Self::Plans(args) => plans::run(&args),
+            Self::Parameters(args) => parameters::run(&args),
             Self::Scans(args) => scans::run(&args),
             Self::Submit(args) => submit::run(args).await,
             Self::Status(args) => status::run(args).await,
@@ -100,10 +109,12 @@ impl Command {
             Self::Table(args) => table::run(args).await,
             Self::Compare(args) => compare::run(args).await,
             Self::Export(args) => export::run(args).await,
+            Self::Report(args) => report::run(args).await,
             Self::Job(args) => job::run(args).await,
             Self::Bench(args) => bench::run(args).await,
             Self::Backup(args) => backup::run(args).await,
             Self::Token(args) => token::run(args).await,
+            Self::Completions(args) => completions::run(&args, command()),
         }
     }
 }
@@ -116,11 +127,20 @@ fn threads() -> clap::builder::RangedU64ValueParser<u64> {
     clap::value_parser!(u64).range(1..=MAX_THREADS)
 }
 
+/// All commands, with examples in their help.
+fn command() -> clap::Command {
+    examples::with_examples(Cli::command())
+}
+
+fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
+    Cli::from_arg_matches(&command().try_get_matches_from(args)?)
+}
+
 /// Runs the command line `args` (the program's name first) to its end.
 ///
 /// 0: done; 1: a job failed, or the command could not finish; 2: bad input.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    match Cli::try_parse_from(args) {
+    match parse(args) {
         Ok(cli) => conclude(execute(cli.command)),
         Err(error) => {
             // Nobody is left to tell if this cannot be printed.
@@ -152,17 +172,29 @@ fn conclude(ended: Result<(), CliError>) -> ExitCode {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     fn parse(line: &str) -> Result<Command, clap::Error> {
-        Cli::try_parse_from(line.split_whitespace()).map(|cli| cli.command)
+        let words = line.split_whitespace().map(|word| OsString::from(word.trim_matches('\'')));
+        super::parse(words).map(|cli| cli.command)
     }
 
     #[test]
     fn the_command_line_is_sound() {
-        Cli::command().debug_assert();
+        command().debug_assert();
+    }
+
+    #[test]
+    fn every_command_shows_examples_that_are_read() {
+        for subcommand in command().get_subcommands() {
+            let name = subcommand.get_name();
+            let examples = examples::EXAMPLES.iter().find(|(of, _)| *of == name);
+            let (_, examples) = examples.unwrap_or_else(|| panic!("{name} has no example"));
+            for (line, _) in *examples {
+                assert!(line.starts_with(name), "{line}");
+                parse(&format!("furrow {line}")).unwrap_or_else(|error| panic!("{line}: {error}"));
+            }
+        }
     }
 
     #[test]
@@ -184,6 +216,8 @@ mod tests {
             "furrow workers expire 0123456789abcdef0123456789abcdef --never",
             "furrow workers allow 0123456789abcdef0123456789abcdef --json",
             "furrow plans guyonneau2022/bounds --json",
+            "furrow parameters perception.rgop --json",
+            "furrow completions zsh",
             "furrow scans lane.csv.gz --perception pl --set mission.lane_width_m=0.6 --prior-noise 5 --seed 2 --json",
             "furrow scans lane.csv --perception particle-filter --sequence 0.1",
             "furrow submit guyonneau2022/bounds --url http://127.0.0.1:1 --name night --priority -3 --json",
@@ -196,6 +230,10 @@ mod tests {
             "furrow retry 3",
             "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
             "furrow job 12 --svg out.svg --json",
+            "furrow report 3 --output report.html --url http://127.0.0.1:1",
+            "furrow report 3 --format md --db x.db",
+            "furrow run p --until success<=0.2 --max-seeds 50",
+            "furrow run p --until algorithm:success --json",
             "furrow bench queue --jobs 1000 --cells 24 --workers 2 --threads 1 --job-ms 50 --dir /var/tmp --json",
             "furrow bench queue --one-by-one 8",
             "furrow bench sessions --sessions 1000 --processes 4 --seconds 600",
@@ -221,6 +259,9 @@ mod tests {
             "furrow serve --db x.db --lan-name x",
             "furrow run",
             "furrow run p --seeds x",
+            "furrow run p --until luck",
+            "furrow run p --max-seeds 9",
+            "furrow run p --until success<=0.2 --timing",
             "furrow serve",
             "furrow grow",
             "furrow table",

@@ -15,12 +15,14 @@ use super::progress::{Progress, span};
 use super::selection::Selection;
 use super::serve::{open, share};
 use super::submit::warn;
-use super::{output, stop, threads};
+use super::until::{Search, Until};
+use super::{output, stop, threads, until};
 use crate::http::sweeps::new_sweep;
 use crate::http::tables::sweep_data;
 use crate::in_process::Farm;
 use crate::plan::expand;
 use crate::publication::{self, Comparison};
+use crate::sequential::Judgement;
 use crate::table::{Format, Metric, Query, SweepData, Table, tabulate};
 
 /// Progress is looked at no more often than this.
@@ -40,6 +42,8 @@ pub(super) struct RunArgs {
     /// Runs at a time; all cores if not given
     #[arg(long, value_name = "N", value_parser = threads())]
     threads: Option<u64>,
+    #[command(flatten)]
+    until: Until,
     /// Run everything anew and one at a time, whatever --threads says, to measure times
     #[arg(long)]
     timing: bool,
@@ -62,6 +66,7 @@ struct Finished {
     verified: VerificationCounts,
     data: SweepData,
     comparisons: Vec<Comparison>,
+    judgement: Option<Judgement>,
     wall_s: f64,
 }
 
@@ -73,6 +78,8 @@ pub(super) async fn run(args: RunArgs) -> Result<(), CliError> {
     let expanding = tokio::task::spawn_blocking(move || expand(&request));
     let expansion = expanding.await.map_err(CliError::failed("cannot expand the plan"))??;
     warn(&expansion.not_applied);
+    until::check(&args.until, &expansion.factors)?;
+    let search = args.until.search(expansion.seeds);
     let sweep = NewSweep { record: args.record, timing: args.timing, ..new_sweep(expansion, None) };
 
     let stop = stop::on_signals()?;
@@ -81,7 +88,7 @@ pub(super) async fn run(args: RunArgs) -> Result<(), CliError> {
     let verify = Verify { share: args.verify, alone_after: Duration::ZERO };
     let config = Config { verify, ..Config::new(sweep.engine) };
     let mut farm = Farm::start(store, config, thread_count(&args));
-    let ended = finish(&mut farm, sweep, &stop, started).await;
+    let ended = finish(&mut farm, sweep, search, &stop, started).await;
     farm.stop().await;
     let finished = ended?;
     if args.json {
@@ -90,7 +97,7 @@ pub(super) async fn run(args: RunArgs) -> Result<(), CliError> {
         print_tables(&finished)?
     }
     match finished.sweep.failed {
-        0 => Ok(()),
+        0 => until::conclude(finished.judgement.as_ref()),
         failed => Err(CliError::JobsFailed(failed)),
     }
 }
@@ -112,24 +119,52 @@ fn thread_count(args: &RunArgs) -> usize {
 async fn finish(
     farm: &mut Farm,
     sweep: NewSweep,
+    mut search: Option<Search>,
     stop: &CancellationToken,
     started: Instant,
 ) -> Result<Finished, CliError> {
     let coordinator = farm.coordinator().clone();
     let priority = before_others(&coordinator).await?;
-    let name = sweep.name.clone();
-    let Submitted { id, total, cached, .. } = coordinator.submit(NewSweep { priority, ..sweep }).await?;
-    let mut progress = Progress::start(&name, total, cached);
+    let mut cached = None;
+    let mut earlier = None;
+    loop {
+        let seeds = search.as_ref().map_or(sweep.seeds, Search::seeds);
+        let submitted = coordinator.submit(NewSweep { priority, seeds, ..sweep.clone() }).await?;
+        let known = *cached.get_or_insert(submitted.cached);
+        // The seeds of the look before are in this one, too.
+        if let Some(earlier) = earlier.replace(submitted.id) {
+            coordinator.remove(earlier).await?;
+        }
+        let (sweep, verified) = run_to_its_end(farm, &sweep.name, submitted, stop, started).await?;
+        let judgement = match &mut search {
+            Some(search) => Some(search.judge(&coordinator, &sweep).await?),
+            None => None,
+        };
+        if search.as_mut().zip(judgement.as_ref()).is_none_or(|(search, judgement)| search.ends_with(judgement)) {
+            let data = sweep_data(&coordinator, &sweep, &Query::default()).await?;
+            let comparisons = comparisons(&coordinator, &sweep, &data).await?;
+            let wall_s = started.elapsed().as_secs_f64();
+            return Ok(Finished { sweep, cached: known, verified, data, comparisons, judgement, wall_s });
+        }
+    }
+}
+
+async fn run_to_its_end(
+    farm: &mut Farm,
+    name: &str,
+    Submitted { id, total, cached, .. }: Submitted,
+    stop: &CancellationToken,
+    started: Instant,
+) -> Result<(Sweep, VerificationCounts), CliError> {
+    let coordinator = farm.coordinator().clone();
+    let mut progress = Progress::start(name, total, cached);
     let ended = tokio::select! {
         ended = watch_and_verify(&coordinator, id, &mut progress) => ended,
         end = farm.ended() => Err(CliError::Failed(end.to_string())),
         () = stop.cancelled() => Err(CliError::Stopped),
     };
     progress.finish(started.elapsed().as_secs_f64());
-    let (sweep, verified) = ended?;
-    let data = sweep_data(&coordinator, &sweep, &Query::default()).await?;
-    let comparisons = comparisons(&coordinator, &sweep, &data).await?;
-    Ok(Finished { sweep, cached, verified, data, comparisons, wall_s: started.elapsed().as_secs_f64() })
+    ended
 }
 
 /// The publication's tables in which there is anything of ours.
@@ -200,11 +235,13 @@ struct Summary<'a> {
     cached: u64,
     failed: u64,
     wall_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    until: Option<&'a Judgement>,
     cells: &'a [Cell],
 }
 
 fn print_json(finished: &Finished) -> Result<(), CliError> {
-    let Finished { sweep, cached, data, wall_s, .. } = finished;
+    let Finished { sweep, cached, data, judgement, wall_s, .. } = finished;
     let table = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
     output::json(&Summary {
         plan: &sweep.plan,
@@ -214,12 +251,13 @@ fn print_json(finished: &Finished) -> Result<(), CliError> {
         cached: *cached,
         failed: sweep.failed,
         wall_s: *wall_s,
+        until: judgement.as_ref(),
         cells: &table.cells,
     })
 }
 
 fn print_tables(finished: &Finished) -> Result<(), CliError> {
-    let Finished { sweep, cached, verified, data, comparisons, wall_s } = finished;
+    let Finished { sweep, cached, verified, data, comparisons, judgement, wall_s } = finished;
     let everything = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
     let metrics = Some(shown(&everything));
     let table = tabulate(data, &Query { metrics, ..Query::default() }).map_err(CliError::failed("no table"))?;
@@ -229,6 +267,9 @@ fn print_tables(finished: &Finished) -> Result<(), CliError> {
     }
     if let Some(hint) = hint_at_timing(&publication::unmeasured_tables_of(&sweep.plan, data)) {
         output::line(&format!("\n{hint}"))?;
+    }
+    if let Some(judgement) = judgement {
+        output::line(&format!("\n{}", until::shown(judgement)))?;
     }
     let (runs, failed) = (sweep.done, sweep.failed);
     output::line(&format!("\n{runs} runs, {cached} of them cached, {failed} failed, in {}", span(*wall_s)))?;

@@ -99,9 +99,9 @@ async fn answer(
         None => None,
     };
     let question = question.resolve(&outline, outline_of_other.as_ref())?;
-    let a = runs(coordinator, sweep, &question).await?;
+    let a = runs_of(coordinator, sweep, &question).await?;
     let b = match other {
-        Some(other) => Some(runs(coordinator, other, &question).await?),
+        Some(other) => Some(runs_of(coordinator, other, &question).await?),
         None => None,
     };
     let (sweep, other) = (sweep.id, other.map(|other| other.id));
@@ -120,11 +120,17 @@ fn write(answer: ComparisonOfSweep, format: Format) -> Result<String, Problem> {
     }
 }
 
-async fn outline(coordinator: &Coordinator, sweep: &Sweep) -> Result<Outline, StoreError> {
+/// What the sweep has, before its runs are read.
+pub(crate) async fn outline(coordinator: &Coordinator, sweep: &Sweep) -> Result<Outline, StoreError> {
     Ok(Outline::of(sweep.factors.clone(), &coordinator.cells(sweep.id).await?))
 }
 
-async fn runs(coordinator: &Coordinator, sweep: &Sweep, question: &Resolved) -> Result<SweepRuns, StoreError> {
+/// The runs that the question needs.
+pub(crate) async fn runs_of(
+    coordinator: &Coordinator,
+    sweep: &Sweep,
+    question: &Resolved,
+) -> Result<SweepRuns, StoreError> {
     let unfinished = coordinator.unfinished(sweep.id).await?;
     let values = coordinator.values(sweep.id, Some(&question.wanted())).await?;
     let mut runs = SweepRuns::new(values, unfinished);

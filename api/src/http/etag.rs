@@ -20,7 +20,7 @@ impl Tag {
         for cell in cells {
             text += &format!(" {}:{}/{}+{}", cell.id, cell.done, cell.total, cell.failed);
         }
-        Self(format!("\"{}\"", hash_of(&text)))
+        Self(format!("\"{}\"", hash_of(text.as_bytes())))
     }
 
     /// Of all runs of a sweep, with states and attempts: only one that is done stands still. It ends anew, and so at
@@ -30,11 +30,14 @@ impl Tag {
         Some(Self::of_results(sweep, cells, &format!("{form} {ended}")))
     }
 
+    /// Of an answer that is one only by what it says.
+    pub(super) fn of_body(body: &[u8]) -> Self {
+        Self(format!("\"{}\"", hash_of(body)))
+    }
+
     /// Whether a client has this form already.
     pub(super) fn is_known(&self, headers: &HeaderMap) -> bool {
-        let values = headers.get_all(IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-        let mut tags = values.flat_map(|value| value.split(',')).map(str::trim);
-        tags.any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == self.0)
+        is_known(&self.0, headers)
     }
 
     /// The answer to who has it.
@@ -50,9 +53,16 @@ impl Tag {
     }
 }
 
+/// Whether `own` is among the tags that a client sent along.
+pub(super) fn is_known(own: &str, headers: &HeaderMap) -> bool {
+    let values = headers.get_all(IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
+    let mut tags = values.flat_map(|value| value.split(',')).map(str::trim);
+    tags.any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == own)
+}
+
 /// The first digits of a hash: enough, since nobody gains by two answers with one tag.
-fn hash_of(text: &str) -> String {
-    let digest = ring::digest::digest(&ring::digest::SHA256, text.as_bytes());
+fn hash_of(bytes: &[u8]) -> String {
+    let digest = ring::digest::digest(&ring::digest::SHA256, bytes);
     digest.as_ref()[..16].iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

@@ -1,11 +1,13 @@
 //! The HTTP service: a file per resource.
 //!
 //! [`serve`] takes connections (`listen`, with [`tls`]); [`router`] puts the resources together and surrounds them with
-//! limits (`layers`, `heavy`) and the question who may ask ([`access`], with the `limiter`); a handler reads the
+//! limits (`layers`, `heavy`, `answers`) and the question who may ask ([`access`], with the `limiter`); a handler reads the
 //! request (`extract`), asks the coordinator, and answers; whatever goes wrong is a [`problem`]. The OpenAPI
 //! document at `/openapi.json` is made from the handlers themselves.
 
 pub mod access;
+mod answers;
+pub mod catalogue;
 pub mod comparisons;
 mod etag;
 pub mod events;
@@ -26,6 +28,7 @@ pub mod problem;
 pub mod publications;
 mod refusals;
 mod replays;
+pub mod reports;
 pub mod results;
 pub mod sweep_control;
 pub mod sweeps;
@@ -152,6 +155,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(tables::routes())
         .merge(comparisons::routes())
         .merge(results::routes())
+        .merge(reports::routes())
         .merge(jobs::routes())
         .merge(trajectories::routes())
         .merge(job_replay::routes())
@@ -161,6 +165,7 @@ fn resources() -> OpenApiRouter<App> {
         .merge(publications::routes())
         .merge(workers::routes())
         .merge(plans::routes())
+        .merge(catalogue::routes())
         .merge(health::routes())
         .merge(metrics::routes())
 }
@@ -175,6 +180,7 @@ pub fn router(app: App) -> Router {
     };
     let router = router.route("/openapi.json", routing::get(openapi)).merge(page::routes()).with_state(app.clone());
     let router = router.layer(from_fn_with_state(heavy::Turns::default(), heavy::in_turn));
+    let router = router.layer(from_fn_with_state((app.clone(), answers::Answers::default()), answers::remembered));
     let router = layers::surround(router, TIMEOUT, app.access().tls.is_some(), |router| {
         router.layer(from_fn_with_state(app.clone(), access::admit))
     });

@@ -39,6 +39,7 @@ static FILES: &[(&str, &str, &str)] = &files![
     "format.js" JS,
     "frame.js" JS,
     "main.js" JS,
+    "parameters.js" JS,
     "plots.js" JS,
     "publication.js" JS,
     "replay.js" JS,

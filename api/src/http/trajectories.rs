@@ -100,7 +100,8 @@ async fn get_drawing(State(app): State<App>, Path(name): Path<String>, params: P
     Ok(([(CONTENT_TYPE, "image/svg+xml")], svg).into_response())
 }
 
-fn draw(job: &JobDetail, replay: &Replay) -> Result<String, Problem> {
+/// Draws a finished run.
+pub(super) fn draw(job: &JobDetail, replay: &Replay) -> Result<String, Problem> {
     Ok(svg::trajectory(&scenario(job)?, Seed(job.seed), &replay.path, &replay.result))
 }
 

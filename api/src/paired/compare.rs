@@ -9,6 +9,7 @@ use super::difference::{Difference, mean_of};
 use super::holm::holm;
 use super::pairing::{Cells, Pair, Side, SweepRuns, pair};
 use super::question::Resolved;
+use super::sign_flip::sign_flip;
 use super::signed_rank::signed_rank;
 use super::{mcnemar, seeds, tango};
 use crate::table::{Metric, OfSums};
@@ -90,7 +91,8 @@ pub struct MetricComparison {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<f64>>)]
     pub bootstrap_ci95: Option<[f64; 2]>,
-    /// The test: `mcnemar-exact`, `wilcoxon-exact` or `wilcoxon-normal`; null where there is none.
+    /// The test: `mcnemar-exact`, `wilcoxon-exact`, `wilcoxon-normal`, `sign-flip-exact`, `sign-flip-thrown` or
+    /// `sign-flip-normal`; null where there is none.
     pub test: Option<&'static str>,
     /// Its two-sided p value.
     pub p: Option<f64>,
@@ -305,6 +307,7 @@ fn of_sums(pairs: Vec<[[f64; 2]; 2]>, seeds: u64) -> MetricComparison {
     let difference = a.zip(b).map(|(a, b)| a - b);
     let ci95 = found.map(|found| found.ci95).filter(|ends| ends.iter().all(|end| end.is_finite()));
     let error = found.map(|found| found.standard_error);
+    let test = sign_flip(&rows);
     MetricComparison {
         n: rows.len() as u64,
         a,
@@ -312,6 +315,8 @@ fn of_sums(pairs: Vec<[[f64; 2]; 2]>, seeds: u64) -> MetricComparison {
         difference,
         ci95,
         interval: "bootstrap",
+        test: test.map(|test| test.name),
+        p: test.map(|test| test.p),
         more_seeds: difference.and_then(|difference| seeds::more(difference, error, seeds, ci95)),
         ..MetricComparison::default()
     }
@@ -411,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ratio_of_sums_has_a_difference_and_no_test() {
+    fn a_ratio_of_sums_has_a_difference_and_a_test() {
         let mut sweep = sweep(&[(
             "lane",
             (1..=8).map(|seed| (seed, Some([0.0, 0.0]))).collect(),
@@ -426,7 +431,9 @@ mod tests {
         let answer = compare(&question, &sweep, &sweep);
         let said = &answer.groups[0].metrics[name];
         assert_eq!((said.n, said.a, said.b, said.difference), (8, Some(100.0), Some(50.0), Some(50.0)));
-        assert_eq!((said.ci95, said.p, said.more_seeds, answer.tests), (Some([50.0, 50.0]), None, Some(0), 0));
+        assert_eq!((said.ci95, said.more_seeds, answer.tests), (Some([50.0, 50.0]), Some(0), 1));
+        // Of 256 ways to call the sides, two are as far apart.
+        assert_eq!((said.test, said.p), (Some("sign-flip-exact"), Some(2.0 / 256.0)));
     }
 
     fn values() -> impl Strategy<Value = Values> {

@@ -1,7 +1,7 @@
 //! Holm's correction of several p values (Holm 1979).
 
 /// The corrected values, in the order of `p`: the chance of any false one among those called true stays below the level.
-pub(super) fn holm(p: &[f64]) -> Vec<f64> {
+pub(crate) fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
     order.sort_by(|a, b| p[*a].total_cmp(&p[*b]));
     let mut corrected = vec![1.0; p.len()];

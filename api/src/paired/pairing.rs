@@ -205,8 +205,12 @@ fn varied(flat: &BTreeMap<ScenarioId, Flat>) -> BTreeSet<&String> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
+    use furrow_coordinator::view::CellSummary;
+    use furrow_schema::id::CellId;
+
     use super::*;
+    use crate::paired::Outline;
 
     /// A cell with these labels and runs: seed, scenario, and the values of `x` and `success`; a run without is failed.
     pub(in super::super) fn cell(labels: &[(&str, &str)], runs: &[(u64, i64, Option<[f64; 2]>)]) -> Runs {
@@ -229,6 +233,27 @@ pub(super) mod tests {
             state: JobState::Failed,
         });
         Runs { values, unfinished: failed.collect() }
+    }
+
+    /// A sweep of one field with these levels of `algorithm`: the values of `x` and `success` by seed, from 1 on.
+    pub(crate) fn test_sweep(levels: [(&str, &[[f64; 2]]); 3]) -> (Outline, SweepRuns) {
+        let of = |(scenario, (label, values)): (usize, (&str, &[[f64; 2]]))| {
+            let runs: Vec<_> = (1..).zip(values).map(|(seed, value)| (seed, scenario as i64, Some(*value))).collect();
+            cell(&[("algorithm", label), ("field", "crop-1")], &runs)
+        };
+        let cells: Vec<Runs> = levels.into_iter().enumerate().map(of).collect();
+        let summary = |cell: &Runs| CellSummary {
+            id: CellId(1),
+            position: 0,
+            factors: cell.values.factors.clone(),
+            total: 0,
+            done: 0,
+            failed: 0,
+            metrics: BTreeMap::new(),
+        };
+        let summaries: Vec<_> = cells.iter().map(summary).collect();
+        let factors = ["algorithm", "field"].map(str::to_owned).into();
+        (Outline::of(factors, &summaries), SweepRuns { cells, scenarios: HashMap::new() })
     }
 
     pub(in super::super) fn question(group_by: &[&str]) -> Resolved {

@@ -39,6 +39,21 @@ impl Outline {
     }
 
     /// The labels of a factor, in the plan's order.
+    ///
+    /// # Errors
+    /// There is no such factor, or it has one label only.
+    pub fn levels(&self, factor: &str) -> Result<Vec<&str>, PairedError> {
+        if !self.factors.iter().any(|known| known == factor) {
+            return Err(PairedError::unknown("factor", "factor", factor, &self.factors));
+        }
+        let labels = self.labels(factor);
+        match labels.len() {
+            0 | 1 => Err(PairedError::new("factor", format!("`{factor}` has one level only"), labels)),
+            _ => Ok(labels),
+        }
+    }
+
+    /// The labels of a factor, in the plan's order.
     fn labels(&self, factor: &str) -> Vec<&str> {
         let mut labels: Vec<&str> = Vec::new();
         for label in self.labels.iter().filter_map(|cell| cell.get(factor)) {

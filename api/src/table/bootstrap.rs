@@ -164,6 +164,11 @@ impl Draws {
         z ^ (z >> 31)
     }
 
+    /// Sixty-four random bits.
+    pub(crate) fn bits(&mut self) -> u64 {
+        self.next()
+    }
+
     /// A number from 0 to below `n`, which is at most 2^32.
     pub(crate) fn below(&mut self, n: usize) -> usize {
         (((self.next() >> 32) * n as u64) >> 32) as usize

@@ -27,11 +27,12 @@ pub use pairs::Pairs;
 pub use query::{Format, Query, Statistic};
 pub use render::render;
 pub(crate) use render::{harmless, parquet};
-pub use statistics::{student_interval, summarize, wilson_interval};
+pub use statistics::{student_interval, student_interval_at, summarize, wilson_interval};
 pub use tabulate::{Table, tabulate};
 
 pub(crate) use bootstrap::{Contrast, Draws, NORMAL_FROM, RESAMPLES, Z_975, accelerated_ends, acceleration, interval};
 pub(crate) use metric::{SUCCESS, listed, order};
 pub(crate) use number::{exact, short, superscript};
 pub(crate) use query::list;
+pub(crate) use render::markdown_text;
 pub(crate) use statistics::median;

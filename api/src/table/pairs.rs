@@ -62,6 +62,14 @@ impl Pairs {
         (denominator != 0.0).then(|| numerator / denominator)
     }
 
+    /// The standard error of the ratio, from the influence of each run on it; none below two runs.
+    #[must_use]
+    pub fn standard_error(&self) -> Option<f64> {
+        let (ratio, [_, denominator], n) = (self.ratio()?, self.sums(), self.n() as f64);
+        let squares: f64 = self.0.iter().map(|run| ((run[0] - ratio * run[1]) / denominator).powi(2)).sum();
+        (n > 1.0).then(|| (squares * n / (n - 1.0)).sqrt())
+    }
+
     /// Number, ratio of the sums and its interval; the other statistics are of single runs, which have no ratio. An
     /// interval with an open end is none.
     #[must_use]

@@ -2,7 +2,7 @@
 
 use furrow_coordinator::moments::Moments;
 use furrow_schema::table::Statistics;
-use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use super::data::Series;
 
@@ -59,23 +59,29 @@ fn std(moments: &Moments) -> Option<f64> {
 /// Student's 95 % interval of a mean from `n` values with sample standard deviation `std`; none below two values.
 #[must_use]
 pub fn student_interval(mean: f64, std: f64, n: u64) -> Option<[f64; 2]> {
+    student_interval_at(0.05, mean, std, n)
+}
+
+/// Student's interval that misses the mean with a chance of `error`, above 0 and below 1.
+#[must_use]
+pub fn student_interval_at(error: f64, mean: f64, std: f64, n: u64) -> Option<[f64; 2]> {
     if n < 2 {
         return None;
     }
-    let half = t_975(n - 1)? * std / (n as f64).sqrt();
+    let half = t_quantile(1.0 - error / 2.0, n - 1)? * std / (n as f64).sqrt();
     half.is_finite().then_some([mean - half, mean + half])
 }
 
-/// The 97.5 % quantile of Student's distribution.
+/// The quantile of Student's distribution.
 ///
 /// The library's search for it loses digits as the freedom grows; from 200 on the expansion around the normal
 /// quantile is exact to 1e-10 (Abramowitz and Stegun, 26.7.5).
-fn t_975(freedom: u64) -> Option<f64> {
+fn t_quantile(share: f64, freedom: u64) -> Option<f64> {
     let v = freedom as f64;
     if freedom < 200 {
-        return Some(StudentsT::new(0.0, 1.0, v).ok()?.inverse_cdf(0.975));
+        return Some(StudentsT::new(0.0, 1.0, v).ok()?.inverse_cdf(share));
     }
-    let z = Z_975;
+    let z = if share == 0.975 { Z_975 } else { Normal::new(0.0, 1.0).ok()?.inverse_cdf(share) };
     let terms = [
         (z.powi(3) + z) / 4.0,
         (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0,

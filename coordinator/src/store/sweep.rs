@@ -21,8 +21,10 @@ const SELECT: &str = "with held as materialized (
         and sweep.id not in (select sweep_id from unlisted)
     order by sweep.id desc limit ?3 + 0";
 
+const REQUEST: &str = "select request_json from sweep where id = ?1 and id not in (select sweep_id from unlisted)";
+
 #[cfg(test)]
-pub(super) const STATEMENTS: &[&str] = &[SELECT];
+pub(super) const STATEMENTS: &[&str] = &[SELECT, REQUEST];
 
 #[derive(sqlx::FromRow)]
 struct Row {
@@ -50,6 +52,11 @@ struct Row {
 /// One sweep, without its rate.
 pub(crate) async fn get(store: &Store, id: SweepId) -> Result<Option<Sweep>, StoreError> {
     Ok(select(store, Some(id), None, 1).await?.pop())
+}
+
+/// What was asked for, as JSON.
+pub(crate) async fn request(store: &Store, id: SweepId) -> Result<Option<String>, StoreError> {
+    Ok(sqlx::query_scalar(REQUEST).bind(id.0).fetch_optional(store.readers()).await?)
 }
 
 /// Sweeps older than `after`, newest first, without their rates.

@@ -48,7 +48,16 @@ async fn a_sweep_is_submitted_watched_and_its_run_replayed_in_a_browser() {
     }
     browser.fill("[data-key=seeds] input", "2").await;
     browser.fill("[data-key=name] input", "From the page").await;
-    browser.click(".settings + button").await;
+    browser.click(".vary-rows > button").await;
+    browser.fill(".vary .path", "perception.iterations").await;
+    browser
+        .until("document.querySelector('.vary .hint').innerText.includes('Iterations per pass. Program: 10.')")
+        .await;
+    browser.fill(".vary .value", "5, 10").await;
+    browser.until("document.querySelector('.jobs').innerText.startsWith('8 cells')").await;
+    browser.click(".vary button").await;
+    browser.until("document.querySelector('.jobs').innerText.startsWith('4 cells')").await;
+    browser.click(".set-rows > button").await;
     browser.fill(".setting .path", "limits.max_tim_s").await;
     browser.fill(".setting .value", "25").await;
     browser.click("button[type=submit]").await;

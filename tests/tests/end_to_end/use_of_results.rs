@@ -91,3 +91,50 @@ async fn plans_are_listed_and_the_interface_describes_itself() {
     let listed = process::finished(&["plans"]).await;
     assert!(listed.code == Some(0) && listed.stdout.contains("guyonneau2022/bounds"), "{listed:?}");
 }
+
+#[tokio::test]
+async fn a_report_is_a_file_that_stands_alone() {
+    let directory = directory();
+    let db = path(&directory, "results.db");
+    let plan = crate::plan::file(&directory, "plan.json", &plan(2.0, 1));
+    process::json(&["run", &plan, "--db", &db, "--json"]).await;
+    for (name, begins) in [("report.html", "<!doctype html>"), ("report.md", "# ")] {
+        let file = path(&directory, name);
+        let written = process::finished(&["report", "1", "--db", &db, "--output", &file]).await;
+        assert_eq!(written.code, Some(0), "{written:?}");
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(text.starts_with(begins) && text.contains("Single runs"), "{name}");
+    }
+    refused(&["report", "1", "--db", &db, "--format", "pdf"], &["html", "md"]).await;
+}
+
+#[tokio::test]
+async fn seeds_are_added_until_the_interval_is_narrow_or_there_are_enough() {
+    let directory = directory();
+    let db = path(&directory, "results.db");
+    let plan = crate::plan::file(&directory, "plan.json", &plan(2.0, 1));
+    let narrow = process::json(&["run", &plan, "--until", "simulated_s<=0.1", "--json"]).await;
+    let until = &narrow["until"];
+    assert_eq!((&until["reached"], &until["looks"], &until["seeds"]), (&json!(true), &json!(1), &json!(5)), "{until}");
+
+    let args = ["run", &plan, "--until", "success<=0.5", "--max-seeds", "7", "--db", &db, "--json"];
+    let wide = process::finished(&args).await;
+    assert!(wide.code == Some(1) && wide.stderr.contains("not reached with 7 seeds"), "{wide:?}");
+    let said: serde_json::Value = serde_json::from_str(&wide.stdout).unwrap();
+    assert_eq!((&said["until"]["looks"], &said["runs"], &said["cached"]), (&json!(2), &json!(28), &json!(0)));
+    let sweeps = process::json(&["status", "--db", &db, "--json"]).await;
+    assert_eq!(sweeps["items"].as_array().unwrap().len(), 1, "the look before leaves no sweep behind");
+    refused(&["run", &plan, "--until", "robot:success"], &["robot", "algorithm"]).await;
+    refused(&["run", &plan, "--until", "luck<=1"], &["luck", "success"]).await;
+}
+
+#[tokio::test]
+async fn parameters_are_listed_with_their_ranges() {
+    let listed = process::finished(&["parameters", "perception.rgop"]).await;
+    assert!(listed.code == Some(0) && listed.stdout.contains("perception.iterations"), "{listed:?}");
+    let control = process::json(&["parameters", "control", "--json"]).await;
+    assert_eq!(control["items"][0]["schema"]["properties"]["kind"], json!({"const": "fuzzy"}));
+    refused(&["parameters", "weather"], &["field", "perception"]).await;
+    let script = process::finished(&["completions", "bash"]).await;
+    assert!(script.code == Some(0) && script.stdout.contains("_furrow"), "{script:?}");
+}

@@ -6,7 +6,7 @@
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 /// One parameter, for checks, catalogues and schemas.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,6 +21,56 @@ pub struct Parameter {
     pub range: Option<[f64; 2]>,
     /// The allowed words, if it is a word.
     pub words: &'static [&'static str],
+    /// JSON Schema of its type, without range, words and default.
+    pub schema: &'static str,
+}
+
+/// How the sentence begins that says where a parameter's default comes from.
+const SOURCES: [&str; 7] = ["Paper", "Program", "Thesis", "Data sheet", "Eliazar and Parr", "Scenario", "Ours"];
+
+impl Parameter {
+    /// What it means, without its source.
+    #[must_use]
+    pub fn about(&self) -> &'static str {
+        self.parts().0
+    }
+
+    /// Where its default comes from; empty where its documentation does not say.
+    #[must_use]
+    pub fn source(&self) -> &'static str {
+        self.parts().1
+    }
+
+    fn parts(&self) -> (&'static str, &'static str) {
+        let doc = self.doc.trim();
+        let starts = SOURCES.iter().filter_map(|word| doc.find(&format!(". {word}")));
+        starts.min().map_or((doc, ""), |at| (&doc[..=at], doc[at + 1..].trim_start()))
+    }
+
+    /// JSON Schema of its values.
+    #[must_use]
+    pub fn value_schema(&self, default: Option<&Value>) -> Value {
+        let mut schema: Map<String, Value> = serde_json::from_str(self.schema).expect("a type's schema is JSON");
+        schema.insert("description".into(), json!(self.doc.trim()));
+        if !self.words.is_empty() {
+            schema.insert("enum".into(), json!(self.words));
+        }
+        if let Some([min, max]) = self.range {
+            schema.extend([("minimum".into(), number(min)), ("maximum".into(), number(max))]);
+        }
+        if !self.unit.is_empty() {
+            schema.insert("unit".into(), json!(self.unit));
+        }
+        if let Some(default) = default {
+            schema.insert("default".into(), default.clone());
+        }
+        Value::Object(schema)
+    }
+}
+
+/// A bound as a person would write it: 1, not 1.0.
+fn number(value: f64) -> Value {
+    if value.fract() == 0.0 && value.abs() < 1e15 { json!(value as i64) } else { json!(value) }
 }
 
 /// A key that is unknown, missing, of the wrong type or out of range.
@@ -63,6 +113,14 @@ pub trait Parameters: Serialize + DeserializeOwned {
         Self::TABLE.iter().try_for_each(|parameter| check_range(parameter, value.get(parameter.name)))
     }
 
+    /// JSON Schema of each key, and which keys must be there.
+    fn schema() -> (Map<String, Value>, Vec<&'static str>) {
+        let defaults = Self::read(Map::new()).ok().and_then(|values| serde_json::to_value(values).ok());
+        let default = |name| defaults.as_ref().and_then(|values| values.get(name));
+        let keys = Self::TABLE.iter().map(|one| (one.name.to_owned(), one.value_schema(default(one.name))));
+        (keys.collect(), Vec::new())
+    }
+
     /// Reads parameters from a JSON object, filling in defaults.
     ///
     /// # Errors
@@ -85,10 +143,47 @@ fn check_range(parameter: &Parameter, value: Option<&Value>) -> Result<(), Param
     Err(ParameterError::new(parameter.name, format!("{number} is out of range, allowed is {min} to {max}{unit}")))
 }
 
+/// One part that a word `kind` chooses, for catalogues.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Choice {
+    /// The word.
+    pub kind: &'static str,
+    /// What it is.
+    pub about: &'static str,
+    /// Its parameters; empty where the schema alone describes them.
+    pub parameters: &'static [Parameter],
+    /// JSON Schema of the whole object, `kind` included.
+    pub schema: Value,
+}
+
+impl Choice {
+    /// The part `kind` with the parameters `P`.
+    #[must_use]
+    pub fn of<P: Parameters>(kind: &'static str, about: &'static str) -> Self {
+        let (mut properties, mut required) = P::schema();
+        properties.insert("kind".into(), json!({"const": kind}));
+        required.insert(0, "kind");
+        let schema = json!({
+            "type": "object", "description": about.trim(), "properties": properties, "required": required,
+            "additionalProperties": false,
+        });
+        Self { kind, about: about.trim(), parameters: P::TABLE, schema }
+    }
+
+    /// The default of parameter `name`; none where it must be given.
+    #[must_use]
+    pub fn default_of(&self, name: &str) -> Option<&Value> {
+        self.schema["properties"][name].get("default")
+    }
+}
+
 /// A choice between parts by the word `kind`.
 pub trait Kinds: Sized {
     /// The words.
     fn kinds() -> Vec<&'static str>;
+
+    /// The parts they choose, in the same order.
+    fn choices() -> Vec<Choice>;
 
     /// The parameters of the part that `kind` chooses.
     fn table(kind: &str) -> Option<&'static [Parameter]>;
@@ -124,11 +219,21 @@ pub fn list(words: &[&str]) -> String {
 pub trait ParameterType {
     /// The allowed words, if it is a word.
     const WORDS: &'static [&'static str] = &[];
+    /// JSON Schema of the type.
+    const SCHEMA: &'static str;
 }
-impl ParameterType for f64 {}
-impl ParameterType for u32 {}
-impl ParameterType for u64 {}
-impl ParameterType for bool {}
+impl ParameterType for f64 {
+    const SCHEMA: &'static str = r#"{"type":"number"}"#;
+}
+impl ParameterType for u32 {
+    const SCHEMA: &'static str = r#"{"type":"integer","minimum":0,"maximum":4294967295}"#;
+}
+impl ParameterType for u64 {
+    const SCHEMA: &'static str = r#"{"type":"integer","minimum":0}"#;
+}
+impl ParameterType for bool {
+    const SCHEMA: &'static str = r#"{"type":"boolean"}"#;
+}
 
 /// Declares a parameter struct with defaults, units, ranges and documentation.
 ///
@@ -159,6 +264,7 @@ macro_rules! parameters {
                     unit: $unit,
                     range: $crate::parameters!(@range $($min, $max)?),
                     words: <$type as $crate::parameters::ParameterType>::WORDS,
+                    schema: <$type as $crate::parameters::ParameterType>::SCHEMA,
                 },)*
             ];
         }
@@ -183,6 +289,10 @@ macro_rules! kinds {
         impl $crate::parameters::Kinds for $name {
             fn kinds() -> Vec<&'static str> {
                 vec![$($word),+]
+            }
+
+            fn choices() -> Vec<$crate::parameters::Choice> {
+                vec![$($crate::parameters::Choice::of::<$params>($word, concat!($($doc),+)),)+]
             }
 
             fn table(kind: &str) -> Option<&'static [$crate::parameters::Parameter]> {
@@ -224,6 +334,7 @@ macro_rules! words {
 
         impl $crate::parameters::ParameterType for $name {
             const WORDS: &'static [&'static str] = &[$first_word, $($word),*];
+            const SCHEMA: &'static str = r#"{"type":"string"}"#;
         }
     };
 }
@@ -251,7 +362,7 @@ mod tests {
     parameters! {
         /// For the tests.
         pub struct Example {
-            /// A length.
+            /// A length. Paper: 0.2.
             pub length_m: f64 = 0.2, "m", [0.0, 5.0];
             /// A count.
             pub count: u32 = 3, "1", [1, 10];
@@ -262,7 +373,7 @@ mod tests {
 
     kinds! {
         /// For the tests.
-        pub enum Choice {
+        pub enum Part {
             /// Has parameters.
             Example(Example) = "example",
             /// Has none.
@@ -271,15 +382,15 @@ mod tests {
     }
 
     fn message(value: Value) -> String {
-        Choice::read(value).unwrap_err().to_string()
+        Part::read(value).unwrap_err().to_string()
     }
 
     #[test]
     fn defaults_are_filled_in_and_written_out() {
-        let choice = Choice::read(json!({"kind": "example", "count": 4})).unwrap();
+        let choice = Part::read(json!({"kind": "example", "count": 4})).unwrap();
         let written = json!({"kind": "example", "length_m": 0.2, "count": 4, "colour": "red"});
         assert_eq!(serde_json::to_value(&choice).unwrap(), written);
-        assert_eq!(Choice::read(written).unwrap(), choice);
+        assert_eq!(Part::read(written).unwrap(), choice);
     }
 
     #[test]
@@ -293,6 +404,29 @@ mod tests {
         assert!(message(json!({"kind": "example", "size": 1})).contains("size"));
         assert_eq!(message(json!({"kind": "other"})), "kind: `other` is unknown, allowed is `example`, `nothing`");
         assert!(message(json!([])).contains("object"));
+    }
+
+    #[test]
+    fn a_schema_says_type_range_unit_and_default() {
+        let choices = Part::choices();
+        let [example, nothing] = &choices[..] else { panic!("{choices:?}") };
+        let properties = &example.schema["properties"];
+        let length = json!({"type": "number", "description": "A length. Paper: 0.2.", "minimum": 0, "maximum": 5,
+            "unit": "m", "default": 0.2});
+        assert_eq!(properties["length_m"], length);
+        assert_eq!(properties["count"]["type"], "integer");
+        assert_eq!(properties["colour"]["enum"], json!(["red", "dark-blue"]));
+        assert_eq!(properties["kind"], json!({"const": "example"}));
+        assert_eq!(example.schema["required"], json!(["kind"]));
+        assert_eq!(example.default_of("count"), Some(&json!(3)));
+        assert_eq!((nothing.kind, nothing.about), ("nothing", "Has none."));
+    }
+
+    #[test]
+    fn a_parameter_says_where_its_default_comes_from() {
+        let [length, count, ..] = Example::TABLE else { panic!("{:?}", Example::TABLE) };
+        assert_eq!((length.about(), length.source()), ("A length.", "Paper: 0.2."));
+        assert_eq!((count.about(), count.source()), ("A count.", ""));
     }
 
     #[test]

@@ -21,13 +21,13 @@ furrow_navigation::kinds! {
 furrow_navigation::parameters! {
     /// Parameters of [`HeadingHold`]; angles and speeds are those of `row-by-row`.
     pub struct HeadingHoldParams {
-        /// Drives this far beyond a row's end before it turns.
+        /// Drives this far beyond a row's end before it turns. Ours.
         pub end_distance_m: f64 = 1.35, "m", [0.0, 10.0];
-        /// Leaves a row at this angle.
+        /// Leaves a row at this angle. Program: pi / 4.5.
         pub leave_angle_rad: f64 = std::f64::consts::PI / 4.5, "rad", [0.05, 1.5];
-        /// Wheels while rotating, as controller output.
+        /// Wheels while rotating, as controller output. Program: 0.2.
         pub rotate_speed: f64 = 0.2, "1", [0.01, 1.0];
-        /// Wheels while changing over, as controller output.
+        /// Wheels while changing over, as controller output. Program: 0.3.
         pub change_speed: f64 = 0.3, "1", [0.01, 1.0];
     }
 }

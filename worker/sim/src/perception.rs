@@ -3,7 +3,7 @@
 //! The oracle replaces perception only: it hands out the rows' true lines in place of found ones, beside the
 //! same points. Merging, filter, control and row ends stay. It is the ceiling, and the test of the world.
 
-use furrow_navigation::parameters::{Kinds, NoParams, Parameter, ParameterError, list};
+use furrow_navigation::parameters::{Choice, Kinds, NoParams, Parameter, ParameterError, list};
 use furrow_navigation::perception::lane::Side;
 use furrow_navigation::perception::{
     Found, LaneEstimate, LaneFinder, LaneFinderSpec, LaneView, Line, LineFinder, LineFinderSpec, Points, Scan,
@@ -48,6 +48,10 @@ furrow_navigation::kinds! {
 impl Kinds for PerceptionSpec {
     fn kinds() -> Vec<&'static str> {
         [SimulatedPerception::kinds(), LineFinderSpec::kinds(), LaneFinderSpec::kinds()].concat()
+    }
+
+    fn choices() -> Vec<Choice> {
+        [SimulatedPerception::choices(), LineFinderSpec::choices(), LaneFinderSpec::choices()].concat()
     }
 
     fn table(kind: &str) -> Option<&'static [Parameter]> {

@@ -2,7 +2,7 @@
 
 use furrow_navigation::control::ControlSpec;
 use furrow_navigation::localization::LocalizationSpec;
-use furrow_navigation::parameters::{Kinds, Parameter, ParameterError, list};
+use furrow_navigation::parameters::{Choice, Kinds, ParameterError, list};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -184,24 +184,20 @@ fn write_sorted(value: &Value, text: &mut String) {
     }
 }
 
-/// The parameters of every kind of every part, for catalogues: (part, kind, parameters).
+/// What every part can be, for catalogues: (part, its choices), in the order of the loop.
 #[must_use]
-pub fn catalogue() -> Vec<(&'static str, &'static str, &'static [Parameter])> {
-    let mut rows = Vec::new();
-    list_part::<FieldSpec>("field", &mut rows);
-    list_part::<RobotSpec>("robot", &mut rows);
-    list_part::<SensorsSpec>("sensors", &mut rows);
-    list_part::<PerceptionSpec>("perception", &mut rows);
-    list_part::<LocalizationSpec>("localization", &mut rows);
-    list_part::<ControlSpec>("control", &mut rows);
-    list_part::<MissionSpec>("mission", &mut rows);
-    list_part::<ObserverSpec>("observer", &mut rows);
-    list_part::<LimitsSpec>("limits", &mut rows);
-    rows
-}
-
-fn list_part<T: Kinds>(part: &'static str, rows: &mut Vec<(&'static str, &'static str, &'static [Parameter])>) {
-    rows.extend(T::kinds().into_iter().map(|kind| (part, kind, T::table(kind).unwrap_or_default())));
+pub fn catalogue() -> [(&'static str, Vec<Choice>); 9] {
+    [
+        ("field", FieldSpec::choices()),
+        ("robot", RobotSpec::choices()),
+        ("sensors", SensorsSpec::choices()),
+        ("perception", PerceptionSpec::choices()),
+        ("localization", LocalizationSpec::choices()),
+        ("control", ControlSpec::choices()),
+        ("mission", MissionSpec::choices()),
+        ("observer", ObserverSpec::choices()),
+        ("limits", LimitsSpec::choices()),
+    ]
 }
 
 #[cfg(test)]
@@ -279,8 +275,18 @@ pub(crate) mod tests {
 
     #[test]
     fn every_part_stands_in_the_catalogue() {
-        for name in PARTS {
-            assert!(catalogue().iter().any(|(part, _, _)| *part == name));
+        assert_eq!(catalogue().map(|(part, _)| part), PARTS);
+        assert!(catalogue().iter().all(|(_, choices)| !choices.is_empty()));
+    }
+
+    #[test]
+    fn every_parameter_says_what_it_means_and_where_its_default_comes_from() {
+        for (part, choices) in catalogue() {
+            for choice in choices {
+                let unclear = choice.parameters.iter().filter(|one| one.about().is_empty() || one.source().is_empty());
+                let unclear: Vec<_> = unclear.map(|one| one.name).collect();
+                assert!(unclear.is_empty(), "{part}.{}: {unclear:?}", choice.kind);
+            }
         }
     }
 }

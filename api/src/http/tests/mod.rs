@@ -1,6 +1,7 @@
 //! The routes on a real coordinator, with results that a test hands in as a worker would.
 
 mod access;
+mod catalogue;
 mod comparisons;
 mod control;
 mod events;
@@ -8,6 +9,7 @@ mod metrics;
 mod pages;
 mod problems;
 mod publications;
+mod reports;
 mod resources;
 mod results;
 mod runs;

@@ -205,3 +205,28 @@ async fn probes_and_catalogue_answer() {
     let known: Vec<_> = furrow_sim::plan::builtin().iter().map(|(name, _)| json!(name)).collect();
     assert_eq!(names, known);
 }
+
+#[tokio::test]
+async fn an_answer_is_remembered_until_a_result_comes() {
+    let service = Service::with_results(1).await;
+    let table = "/v1/sweeps/1/table?metric=success&group_by=algorithm";
+    let compare = "/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle";
+    for path in [table, compare, "/v1/publications/guyonneau2022/table-2?sweep=1"] {
+        let (first, again) = (service.get(path).await, service.get(path).await);
+        assert_eq!((first.status, &first.body), (200, &again.body), "{path}");
+        assert!(!first.header("etag").is_empty() && first.header("etag") == again.header("etag"), "{path}");
+        let known = service.get_if_changed(path, first.header("etag")).await;
+        assert_eq!((known.status, known.body.as_str()), (304, ""), "{path}");
+    }
+    let csv = service.get_as(table, "text/csv").await;
+    assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8", "another form is another answer");
+    assert_eq!(service.get("/v1/sweeps/2/table").await.status, 404);
+
+    let before = service.get(table).await;
+    service.post(&json!({"plan": plan(), "seeds": 2}), &[]).await;
+    service.work().await;
+    let after = service.get("/v1/sweeps/2/table?metric=success&group_by=algorithm").await;
+    assert_eq!(after.status, 200, "what was refused is not remembered");
+    assert_eq!(service.get(table).await.body, before.body, "results of another sweep change nothing");
+    assert_eq!(after.json()["cells"][0]["n"], 4);
+}

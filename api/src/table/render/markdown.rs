@@ -37,7 +37,7 @@ fn field(entry: &Entry) -> String {
 }
 
 /// Text in which no character has a meaning to Markdown or HTML.
-fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let text = printable(text);
     let mut chars = text.chars().peekable();

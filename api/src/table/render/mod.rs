@@ -7,6 +7,7 @@ mod parquet;
 mod text;
 
 pub(crate) use csv::harmless;
+pub(crate) use markdown::escaped as markdown_text;
 pub(crate) use parquet::parquet;
 use serde_json::{Map, Value};
 

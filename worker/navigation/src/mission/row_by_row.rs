@@ -25,9 +25,9 @@ crate::parameters! {
         pub change_speed: f64 = 0.3, "1", [0.01, 1.0];
         /// Changed over when the intercepts of the new pair add up to this at most. Program: 0.6.
         pub centred_m: f64 = 0.6, "m", [0.0, 10.0];
-        /// Likewise, as a share of the row spacing: the smaller bound holds (ours, for narrow rows).
+        /// Likewise, as a share of the row spacing: the smaller bound holds. Ours, for narrow rows.
         pub centred_share: f64 = 0.6, "1", [0.0, 1.0];
-        /// A stop lasts until both wheels are slower than this (ours; the program waits for two like lines).
+        /// A stop lasts until both wheels are slower than this. Ours; the program waits for two like lines.
         pub standing_rad_s: f64 = 0.01, "rad/s", [0.0001, 1.0];
     }
 }

@@ -24,7 +24,7 @@ crate::parameters! {
         pub fitness_power: u32 = 2, "1", [1, 2];
         /// Energy of a point without a line, rho of eq. 2. Program: 3.
         pub outlier_penalty: f64 = 3.0, "m", [0.0, 1000.0];
-        /// Which iteration's lines are returned: the same by either word, as here the program does what the paper prints.
+        /// Which iteration's lines are returned: the same by either word. Program: as the paper prints.
         pub selection: Selection = Selection::AsRun, "";
         /// Passes over each scan, every one starting from the lines of the one before. Program: 3 or 4, by its clock.
         pub passes_per_scan: u32 = 1, "1", [1, 100];

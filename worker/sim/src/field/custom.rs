@@ -2,8 +2,9 @@
 
 use furrow_navigation::parameters::{Parameter, ParameterError, Parameters};
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
-use super::{Field, Plant, PlantKind, Polyline};
+use super::{Field, Plant, PlantKind, Polyline, custom_schema};
 use crate::Pose;
 
 /// At most so many plants.
@@ -11,7 +12,7 @@ pub const MAX_PLANTS: usize = 100_000;
 /// At most so many rows, and points in a row.
 pub const MAX_ROWS: usize = 1_000;
 /// Coordinates lie within this of the origin \[m\].
-const MAX_COORDINATE_M: f64 = 10_000.0;
+pub(super) const MAX_COORDINATE_M: f64 = 10_000.0;
 
 /// The file's content.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -121,6 +122,10 @@ impl CustomField {
 
 impl Parameters for CustomField {
     const TABLE: &'static [Parameter] = &[];
+
+    fn schema() -> (Map<String, Value>, Vec<&'static str>) {
+        custom_schema::schema()
+    }
 
     fn check(&self) -> Result<(), ParameterError> {
         within("name", self.name.chars().count() as f64, 1.0, 80.0, "characters")?;

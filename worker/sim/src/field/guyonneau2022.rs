@@ -9,9 +9,9 @@ use furrow_navigation::random::Stream;
 furrow_navigation::parameters! {
     /// Parameters of the four crops.
     pub struct Guyonneau2022Params {
-        /// Which crop, from the easiest to the hardest.
+        /// Which crop, from the easiest to the hardest. Paper: section 4.1.2.
         pub crop: u32 = 1, "1", [1, 4];
-        /// Where plants and weeds are drawn from: {"fixed": n} or "job".
+        /// Where plants and weeds are drawn from: {"fixed": n} or "job". Ours.
         pub seed: FieldSeed = FieldSeed::Fixed(1), "";
     }
 }

@@ -1,6 +1,7 @@
 //! Fields: plants, rows, and where the robot starts.
 
 pub mod custom;
+mod custom_schema;
 pub mod guyonneau2022;
 pub mod lane;
 mod polyline;
@@ -64,7 +65,9 @@ impl FieldSeed {
     }
 }
 
-impl furrow_navigation::parameters::ParameterType for FieldSeed {}
+impl furrow_navigation::parameters::ParameterType for FieldSeed {
+    const SCHEMA: &'static str = r#"{"anyOf":[{"const":"job"},{"type":"object","properties":{"fixed":{"type":"integer","minimum":0}},"required":["fixed"],"additionalProperties":false}]}"#;
+}
 
 /// What grows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -38,15 +38,15 @@ furrow_navigation::parameters! {
         pub range_max_m: f64 = 4.0, "m", [0.1, 200.0];
         /// Standard deviation of a range. Paper: 0.01.
         pub range_noise_m: f64 = 0.01, "m", [0.0, 1.0];
-        /// Odometry: standard deviation of the distance per distance.
+        /// Odometry: standard deviation of the distance per distance. Ours.
         pub odometry_distance_sd: f64 = 0.05, "m/m", [0.0, 1.0];
-        /// Odometry: standard deviation of the drift across per distance.
+        /// Odometry: standard deviation of the drift across per distance. Ours.
         pub odometry_drift_sd: f64 = 0.02, "m/m", [0.0, 1.0];
-        /// Odometry: standard deviation of the drift across per turn.
+        /// Odometry: standard deviation of the drift across per turn. Ours.
         pub odometry_drift_turn_sd: f64 = 0.06, "m/rad", [0.0, 1.0];
-        /// Odometry: standard deviation of the heading per distance.
+        /// Odometry: standard deviation of the heading per distance. Ours.
         pub odometry_heading_sd: f64 = 0.02, "rad/m", [0.0, 1.0];
-        /// Odometry: standard deviation of the heading per turn.
+        /// Odometry: standard deviation of the heading per turn. Ours.
         pub odometry_heading_turn_sd: f64 = 0.10, "rad/rad", [0.0, 1.0];
     }
 }

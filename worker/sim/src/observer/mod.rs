@@ -45,9 +45,9 @@ furrow_navigation::kinds! {
 furrow_navigation::parameters! {
     /// Limits of a run.
     pub struct SimulatedTimeParams {
-        /// A run ends after this much simulated time.
+        /// A run ends after this much simulated time. Ours.
         pub max_time_s: f64 = 1500.0, "s", [0.1, 100000.0];
-        /// A run ends when the robot has moved less than 0.1 m and turned less than 0.1 rad for this long.
+        /// A run ends when the robot has moved less than 0.1 m and turned less than 0.1 rad for this long. Ours.
         pub stuck_after_s: f64 = 30.0, "s", [1.0, 100000.0];
     }
 }

@@ -16,35 +16,35 @@ use likelihood_field::LikelihoodField;
 crate::parameters! {
     /// Parameters of [`ParticleFilter`]. Ours.
     pub struct ParticleFilterParams {
-        /// Number of particles.
+        /// Number of particles. Ours.
         pub particles: u32 = 500, "1", [10, 100000];
-        /// At the start: standard deviation of the offset from the lane's middle.
+        /// At the start: standard deviation of the offset from the lane's middle. Ours.
         pub start_offset_m: f64 = 0.1, "m", [0.0, 5.0];
-        /// At the start: standard deviation of the heading.
+        /// At the start: standard deviation of the heading. Ours.
         pub start_heading_rad: f64 = 0.2, "rad", [0.0, 1.5];
-        /// Standard deviation of the lane's width about the nominal one.
+        /// Standard deviation of the lane's width about the nominal one. Ours.
         pub width_sd_m: f64 = 0.06, "m", [0.0, 5.0];
-        /// Time over which the width keeps its deviation.
+        /// Time over which the width keeps its deviation. Ours.
         pub width_time_s: f64 = 4.0, "s", [0.01, 1000.0];
-        /// The offset's random walk, over one second: side-slip.
+        /// The offset's random walk, over one second: side-slip. Ours.
         pub offset_noise_m: f64 = 0.05, "m", [0.0, 5.0];
-        /// The heading's, over one second.
+        /// The heading's, over one second. Ours.
         pub heading_noise_rad: f64 = 0.15, "rad", [0.0, 5.0];
-        /// Points count from this far ahead.
+        /// Points count from this far ahead. Ours.
         pub front_min_m: f64 = -0.3, "m", [-10.0, 10.0];
-        /// Points count up to this far ahead.
+        /// Points count up to this far ahead. Ours.
         pub front_max_m: f64 = 2.5, "m", [0.1, 10.0];
-        /// Of all points in a square cell of this size, one counts.
+        /// Of all points in a square cell of this size, one counts. Ours.
         pub cell_m: f64 = 0.05, "m", [0.01, 0.5];
-        /// Standard deviation of a row's points about it.
+        /// Standard deviation of a row's points about it. Ours.
         pub row_sd_m: f64 = 0.05, "m", [0.005, 0.5];
-        /// Standard deviations beyond a row at which a point is as likely another thing's.
+        /// Standard deviations beyond a row at which a point is as likely another thing's. Ours.
         pub cut_off: f64 = 2.0, "1", [0.1, 10.0];
-        /// Likewise, inside the lane.
+        /// Likewise, inside the lane. Ours.
         pub cut_off_inside: f64 = 3.0, "1", [0.1, 10.0];
-        /// How much of its information a point counts, for neighbours are not independent.
+        /// How much of its information a point counts, for neighbours are not independent. Ours.
         pub point_weight: f64 = 0.3, "1", [0.001, 1.0];
-        /// Of the particles that are drawn anew, this share is drawn as at the start.
+        /// Of the particles that are drawn anew, this share is drawn as at the start. Ours.
         pub fresh_share: f64 = 0.02, "1", [0.0, 1.0];
     }
 }

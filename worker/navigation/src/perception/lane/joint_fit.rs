@@ -16,29 +16,29 @@ use search::Search;
 crate::parameters! {
     /// Parameters of [`JointFit`]. Ours.
     pub struct JointFitParams {
-        /// Points count from this far ahead.
+        /// Points count from this far ahead. Ours.
         pub front_min_m: f64 = -0.3, "m", [-10.0, 10.0];
-        /// Points count up to this far ahead.
+        /// Points count up to this far ahead. Ours.
         pub front_max_m: f64 = 2.5, "m", [0.1, 10.0];
-        /// Of all points in a square cell of this size, one counts.
+        /// Of all points in a square cell of this size, one counts. Ours.
         pub cell_m: f64 = 0.03, "m", [0.01, 0.5];
-        /// The grid of headings reaches so far to each side.
+        /// The grid of headings reaches so far to each side. Ours.
         pub max_heading_rad: f64 = 0.6, "rad", [0.0, 1.2];
-        /// Its step.
+        /// Its step. Ours.
         pub heading_step_rad: f64 = 0.04, "rad", [0.005, 0.5];
-        /// Standard deviation of a row's points about it.
+        /// Standard deviation of a row's points about it. Ours.
         pub row_sd_m: f64 = 0.04, "m", [0.005, 0.5];
-        /// Standard deviation of the lane's width about the nominal one.
+        /// Standard deviation of the lane's width about the nominal one. Ours.
         pub width_sd_m: f64 = 0.08, "m", [0.005, 2.0];
-        /// How much a point inside the lane speaks against it, as a share of what a point on a row speaks for it.
+        /// How much a point inside the lane speaks against it, as a share of what a point on a row speaks for it. Ours.
         pub inside_weight: f64 = 0.3, "1", [0.0, 10.0];
-        /// Pairs of rows that are refined.
+        /// Pairs of rows that are refined. Ours.
         pub starts: u32 = 3, "1", [1, 10];
-        /// Steps of refinement.
+        /// Steps of refinement. Ours.
         pub refinements: u32 = 6, "1", [1, 100];
-        /// A valid side has so many points on its row, one per cell.
+        /// A valid side has so many points on its row, one per cell. Ours.
         pub min_points: u32 = 5, "1", [2, 10000];
-        /// They reach at least so far along the lane.
+        /// They reach at least so far along the lane. Ours.
         pub min_length_m: f64 = 0.4, "m", [0.0, 10.0];
     }
 }

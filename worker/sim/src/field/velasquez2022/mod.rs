@@ -50,21 +50,21 @@ furrow_navigation::words! {
 furrow_navigation::parameters! {
     /// Parameters of the lanes. Factors vary a lane: 1 is the lane as it is.
     pub struct Velasquez2022Params {
-        /// Which lane.
+        /// Which lane. Paper: section 5, tables 1 to 6.
         pub lane: LaneName = LaneName::A, "";
-        /// Where the lane is drawn from: {"fixed": n} or "job".
+        /// Where the lane is drawn from: {"fixed": n} or "job". Ours.
         pub seed: FieldSeed = FieldSeed::Fixed(1), "";
-        /// Which of the lanes that one seed gives: a plan that drives lane A three times a seed drives three of them.
+        /// Which of the lanes that one seed gives: a plan that drives lane A three times a seed drives three of them. Ours.
         pub draw: u32 = 0, "1", [0, 1000];
-        /// Length of gaps; 0 fills them, 0.5 gives es-1 the gaps of 0.5 m that section 5.3 speaks of.
+        /// Length of gaps; 0 fills them, 0.5 gives es-1 the gaps of 0.5 m that section 5.3 speaks of. Ours.
         pub gap_factor: f64 = 1.0, "1", [0.0, 4.0];
-        /// Number of hanging leaves and fallen stalks.
+        /// Number of hanging leaves and fallen stalks. Ours.
         pub leaf_factor: f64 = 1.0, "1", [0.0, 10.0];
-        /// Number of weeds.
+        /// Number of weeds. Ours.
         pub weed_factor: f64 = 1.0, "1", [0.0, 10.0];
-        /// How far rows wander.
+        /// How far rows wander. Ours.
         pub wander_factor: f64 = 1.0, "1", [0.0, 10.0];
-        /// How much the ground tilts and deflects the robot, bumps included.
+        /// How much the ground tilts and deflects the robot, bumps included. Ours.
         pub roughness_factor: f64 = 1.0, "1", [0.0, 10.0];
     }
 }
