@@ -450,6 +450,35 @@ pub struct CellValues {
     pub timings: BTreeMap<String, Vec<Option<f64>>>,
 }
 
+/// The metrics of one cell's results as columns of equal length. Which run is which is not said.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CellColumns {
+    /// The cell's place in the sweep, from 0.
+    pub position: u64,
+    /// Label by factor.
+    pub factors: BTreeMap<String, String>,
+    /// Runs with a result.
+    pub runs: u64,
+    /// A column by metric; no number (NaN) where it is undefined for a run.
+    pub metrics: BTreeMap<String, Vec<f64>>,
+}
+
+impl From<CellValues> for CellColumns {
+    /// Times are metrics, too.
+    fn from(values: CellValues) -> Self {
+        let column = |(name, column): (String, Vec<Option<f64>>)| {
+            (name, column.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect())
+        };
+        let CellValues { position, factors, jobs, metrics, timings, .. } = values;
+        Self {
+            position,
+            factors,
+            runs: jobs.len() as u64,
+            metrics: metrics.into_iter().chain(timings).map(column).collect(),
+        }
+    }
+}
+
 /// What a user changes about a sweep; what is not given stays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SweepChange {

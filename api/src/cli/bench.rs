@@ -61,6 +61,9 @@ struct QueueArgs {
     /// Where the database is made and removed again; the system's folder for temporary files if not given
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
+    /// Make the database here and keep it, to try tables on it
+    #[arg(long, value_name = "FILE", conflicts_with = "dir")]
+    keep: Option<PathBuf>,
     /// One JSON object
     #[arg(long)]
     json: bool,
@@ -162,14 +165,14 @@ fn new_folder(dir: Option<&Path>) -> Result<tempfile::TempDir, CliError> {
     dir.map_or_else(tempfile::tempdir, tempfile::tempdir_in).map_err(CliError::bad_input("--dir"))
 }
 
-fn start_coordinator(folder: &Path, load: Load) -> Result<Child, CliError> {
+fn start_coordinator(db: &Path, load: Load) -> Result<Child, CliError> {
     let (jobs, cells) = (load.jobs.to_string(), load.cells.to_string());
-    child(&["queue-coordinator", "--jobs", &jobs, "--cells", &cells, "--db"], folder.join("queue.db").as_os_str())
+    child(&["queue-coordinator", "--jobs", &jobs, "--cells", &cells, "--db"], db.as_os_str())
 }
 
 async fn sessions(args: &SessionsArgs) -> Result<(), CliError> {
     let folder = new_folder(args.dir.as_deref())?;
-    let mut coordinator = start_coordinator(folder.path(), Load { jobs: args.sessions, cells: 1 })?;
+    let mut coordinator = start_coordinator(&folder.path().join("queue.db"), Load { jobs: args.sessions, cells: 1 })?;
     let mut lines = lines_of(&mut coordinator)?;
     let ready: Ready = next(&mut lines).await?;
     let mut children = Vec::new();
@@ -204,7 +207,11 @@ fn show_sessions(answer: &SessionsAnswer) -> Result<(), CliError> {
 
 async fn queue(args: &QueueArgs) -> Result<(), CliError> {
     let folder = new_folder(args.dir.as_deref())?;
-    let mut coordinator = start_coordinator(folder.path(), Load { jobs: args.jobs, cells: args.cells })?;
+    let db = args.keep.clone().unwrap_or_else(|| folder.path().join("queue.db"));
+    if db.exists() {
+        return Err(CliError::BadInput(format!("--keep {}: is there already", db.display())));
+    }
+    let mut coordinator = start_coordinator(&db, Load { jobs: args.jobs, cells: args.cells })?;
     let mut lines = lines_of(&mut coordinator)?;
     let ready: Ready = next(&mut lines).await?;
     let workers = (0..args.workers).map(|number| start_worker(args, &ready, &folder.path().join(number.to_string())));

@@ -236,6 +236,7 @@ mod tests {
             "furrow run p --until algorithm:success --json",
             "furrow bench queue --jobs 1000 --cells 24 --workers 2 --threads 1 --job-ms 50 --dir /var/tmp --json",
             "furrow bench queue --one-by-one 8",
+            "furrow bench queue --jobs 1000000 --keep many.db",
             "furrow bench sessions --sessions 1000 --processes 4 --seconds 600",
             "furrow submit guyonneau2022/bounds --db x.db",
             "furrow backup --db x.db --to y.db --json",

@@ -6,7 +6,7 @@ use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
-use furrow_coordinator::view::{CellValues, JobFilter, JobRef};
+use furrow_coordinator::view::{CellColumns, CellValues, JobFilter, JobRef};
 use furrow_schema::id::{Digest, JobId};
 use furrow_schema::job::JobState;
 use furrow_schema::sweep::Sweep;
@@ -70,7 +70,8 @@ impl App {
         let values = self.coordinator().values(sweep.id, None).await?;
         let endings = endings(&sweep.factors, &values);
         let digest = digest(&values);
-        let data = SweepData::new(sweep.factors.clone(), cells, values);
+        let columns = values.into_iter().map(CellColumns::from).collect();
+        let data = SweepData::new(sweep.factors.clone(), cells, columns);
         let comparisons = self.comparisons(&sweep, &data).await?;
         let drawings = self.drawings(&endings).await;
         let given_up = self.given_up(&sweep).await?;

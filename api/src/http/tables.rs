@@ -4,7 +4,7 @@ use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
-use furrow_coordinator::view::CellSummary;
+use furrow_coordinator::view::{CellColumns, CellSummary};
 use furrow_coordinator::{Coordinator, StoreError};
 use furrow_schema::id::SweepId;
 use furrow_schema::sweep::Sweep;
@@ -145,6 +145,14 @@ async fn data_of(
     cells: Vec<CellSummary>,
     query: &Query,
 ) -> Result<SweepData, StoreError> {
-    let values = if query.needs_values() { coordinator.values(sweep.id, None).await? } else { Vec::new() };
-    Ok(SweepData::new(sweep.factors.clone(), cells, values))
+    let columns = if !query.needs_values() {
+        Vec::new()
+    } else if sweep.timing {
+        coordinator.values(sweep.id, None).await?.into_iter().map(CellColumns::from).collect()
+    } else {
+        let wanted = query.wanted();
+        let wanted: Option<Vec<&str>> = wanted.as_ref().map(|names| names.iter().map(String::as_str).collect());
+        coordinator.columns(sweep.id, wanted.as_deref()).await?
+    };
+    Ok(SweepData::new(sweep.factors.clone(), cells, columns))
 }

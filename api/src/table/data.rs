@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use furrow_coordinator::moments::{METRIC_LIMIT, Moments};
-use furrow_coordinator::view::{CellSummary, CellValues};
+use furrow_coordinator::view::{CellColumns, CellSummary};
 
 use super::metric::{OfSums, ratios_of_sums};
 use super::pairs::Pairs;
@@ -53,6 +53,16 @@ impl Series {
         Self { moments, values: Some(values) }
     }
 
+    /// The series of these values, of which the store may know the moments: a result never changes, so as many values are
+    /// the same values.
+    fn with_moments(mut values: Vec<f64>, known: Option<Moments>) -> Self {
+        values.retain(|value| value.abs() <= METRIC_LIMIT);
+        match known.filter(|known| known.n() == values.len() as u64) {
+            Some(moments) => Self { moments, values: Some(values) },
+            None => Self::of(values),
+        }
+    }
+
     /// Takes in all of `other`; the values are known only where both were.
     pub fn merge(&mut self, other: &Self) {
         let empty = self.moments.n() == 0;
@@ -67,47 +77,58 @@ impl Series {
 }
 
 impl SweepData {
-    /// The data of a sweep from the store's answers: `summaries` of all cells, and `values` of all cells or,
+    /// The data of a sweep from the store's answers: `summaries` of all cells, and `columns` of all cells or,
     /// when neither medians nor times nor ratios of sums are asked for, of none.
     ///
-    /// The two answers may be of different moments while the sweep runs: where a cell's values are at hand,
+    /// The two answers may be of different moments while the sweep runs: where a cell's columns are at hand,
     /// they alone are counted.
     #[must_use]
-    pub fn new(factors: Vec<String>, summaries: Vec<CellSummary>, values: Vec<CellValues>) -> Self {
-        let mut by_position: BTreeMap<u64, CellValues> =
-            values.into_iter().map(|values| (values.position, values)).collect();
+    pub fn new(factors: Vec<String>, summaries: Vec<CellSummary>, columns: Vec<CellColumns>) -> Self {
+        let mut by_position: BTreeMap<u64, CellColumns> =
+            columns.into_iter().map(|columns| (columns.position, columns)).collect();
         let mut summaries = summaries;
         summaries.sort_by_key(|summary| summary.position);
         let cell = |summary: CellSummary| {
-            let values = by_position.remove(&summary.position);
-            CellData::new(summary, values)
+            let columns = by_position.remove(&summary.position);
+            CellData::new(summary, columns)
         };
         Self { factors, cells: summaries.into_iter().map(cell).collect() }
     }
 }
 
 impl CellData {
-    fn new(summary: CellSummary, values: Option<CellValues>) -> Self {
-        let CellSummary { factors, total, done, failed, metrics, .. } = summary;
-        let Some(values) = values else {
+    fn new(summary: CellSummary, columns: Option<CellColumns>) -> Self {
+        let CellSummary { factors, total, done, failed, mut metrics, .. } = summary;
+        let Some(columns) = columns else {
             let metrics = metrics.into_iter().map(|(name, moments)| (name, Series { moments, values: None })).collect();
             return Self { factors, total, done, failed, metrics, ratios: BTreeMap::new() };
         };
-        let done = values.jobs.len() as u64;
         let pairs = |name: &str, other: &str| {
-            let columns = values.metrics.get(name)?.iter().zip(values.metrics.get(other)?);
-            Some(Pairs::of(columns.filter_map(|(value, other)| Some([(*value)?, (*other)?]))))
+            let columns = columns.metrics.get(name)?.iter().zip(columns.metrics.get(other)?);
+            Some(Pairs::of(columns.map(|(value, other)| [*value, *other])))
         };
         let ratio = |(name, of): (&'static str, OfSums)| Some((name, pairs(of.numerator, of.denominator)?));
         let ratios = ratios_of_sums().filter_map(ratio).collect();
-        let columns = values.metrics.into_iter().chain(values.timings);
-        let metrics = columns.map(|(name, column)| (name, Series::of(column.into_iter().flatten()))).collect();
-        Self { factors, total: total.max(done), done, failed, metrics, ratios }
+        let series = |(name, column): (String, Vec<f64>)| {
+            let known = metrics.remove(&name);
+            (name, Series::with_moments(column, known))
+        };
+        let done = columns.runs;
+        Self {
+            factors,
+            total: total.max(done),
+            done,
+            failed,
+            metrics: columns.metrics.into_iter().map(series).collect(),
+            ratios,
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use furrow_coordinator::view::CellValues;
+
     use super::*;
 
     fn summary(position: u64, values: &[f64]) -> CellSummary {
@@ -131,7 +152,8 @@ mod tests {
             timings: BTreeMap::from([("line_finding_time_ms".into(), vec![None, Some(0.5)])]),
             ..CellValues::default()
         };
-        let data = SweepData::new(vec!["field".into()], vec![summary(2, &[1.0]), summary(1, &[2.0])], vec![values]);
+        let columns = vec![CellColumns::from(values)];
+        let data = SweepData::new(vec!["field".into()], vec![summary(2, &[1.0]), summary(1, &[2.0])], columns);
         assert_eq!(data.cells[0].factors["field"], "crop-1");
         assert_eq!(data.cells[0].metrics["x_m"].values, None);
         assert_eq!(data.cells[1].done, 2);
@@ -150,7 +172,7 @@ mod tests {
             ]),
             ..CellValues::default()
         };
-        let data = SweepData::new(vec!["field".into()], vec![summary(1, &[1.0])], vec![values]);
+        let data = SweepData::new(vec!["field".into()], vec![summary(1, &[1.0])], vec![values.into()]);
         let ratios = &data.cells[0].ratios;
         assert_eq!(ratios.keys().collect::<Vec<_>>(), [&"distance_per_intervention_m"]);
         assert_eq!(ratios["distance_per_intervention_m"], Pairs::of([[220.0, 2.0], [30.0, 0.0]]));

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::error::TableError;
-use super::metric::{Metric, metric};
+use super::metric::{Metric, SUCCESS, metric};
 
 /// A question for a table. The default asks for everything.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -40,6 +40,16 @@ impl Query {
                 .map(|words| words.iter().map(|word| word.parse()).collect())
                 .transpose()?,
         })
+    }
+
+    /// The metrics of which values are needed, if not all: those asked for, what ratios of sums are made of, and success,
+    /// without which no table stands.
+    #[must_use]
+    pub fn wanted(&self) -> Option<Vec<String>> {
+        let names = self.metrics.as_ref()?;
+        let sums = names.iter().filter_map(|name| metric(name).of_sums).flat_map(|of| [of.numerator, of.denominator]);
+        let sums = sums.chain([SUCCESS]).map(str::to_owned);
+        Some(names.iter().cloned().chain(sums).collect())
     }
 
     /// Whether single values are needed: for medians, times and ratios of sums. Everything else comes from the cells' moments.

@@ -6,8 +6,8 @@ use furrow_schema::id::{ScenarioId, SweepId};
 
 use super::Coordinator;
 use crate::error::StoreError;
-use crate::store::{cell, run_rows, runs, scenario, unfinished, values};
-use crate::view::{CellSummary, CellValues, RunCursor, RunRow, RunValue, UnfinishedRun};
+use crate::store::{cell, columns, run_rows, runs, scenario, unfinished, values};
+use crate::view::{CellColumns, CellSummary, CellValues, RunCursor, RunRow, RunValue, UnfinishedRun};
 
 impl Coordinator {
     /// The cells of a sweep by position, with counts and exact moments; empty if there is no such sweep.
@@ -24,6 +24,15 @@ impl Coordinator {
     /// [`StoreError::Database`] and [`StoreError::Damaged`].
     pub async fn values(&self, sweep: SweepId, metrics: Option<&[&str]>) -> Result<Vec<CellValues>, StoreError> {
         values::by_cell(&self.shared.store, sweep, metrics).await
+    }
+
+    /// The metrics of the results in the cells of a sweep as columns, by position; of all metrics, or of those named. Much
+    /// faster than [`Self::values`] for many runs, of which it does not tell which is which; without times.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] and [`StoreError::Damaged`].
+    pub async fn columns(&self, sweep: SweepId, metrics: Option<&[&str]>) -> Result<Vec<CellColumns>, StoreError> {
+        columns::by_cell(&self.shared.store, sweep, metrics).await
     }
 
     /// The runs with a result in those cells of a sweep that have all of `labels` (label by factor), by seed, each

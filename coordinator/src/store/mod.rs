@@ -21,6 +21,7 @@ mod backup;
 pub(crate) mod cell;
 pub(crate) mod census;
 pub(crate) mod claim;
+pub(crate) mod columns;
 pub(crate) mod control;
 pub(crate) mod expiry;
 pub(crate) mod incident;
@@ -266,6 +267,7 @@ mod tests {
             transaction::STATEMENTS,
             transition::STATEMENTS,
             unfinished::STATEMENTS,
+            columns::STATEMENTS,
             values::STATEMENTS,
             verification::STATEMENTS,
             verification::REPORT_STATEMENTS,
