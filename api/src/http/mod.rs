@@ -21,6 +21,7 @@ mod listen;
 mod metrics;
 mod negotiate;
 mod page;
+mod parameters;
 pub mod plans;
 pub mod problem;
 pub mod publications;
