@@ -36,15 +36,23 @@ def fill(server: Server, client: furrow.Client) -> tuple[str, str]:
     return next(sweep.jobs()).key, client.workers()[0].id
 
 
+def settings(folder: Path, key: str, worker: str) -> Path:
+    """The settings with the names of what is there."""
+    text = (HERE / "schemathesis.toml").read_text().replace("JOB_KEY", key).replace("WORKER", worker)
+    (folder / "schemathesis.toml").write_text(text)
+    return folder / "schemathesis.toml"
+
+
 def main(options: list[str]) -> int:
-    with tempfile.TemporaryDirectory() as folder, Server(Path(folder), "--http-rate", "100000") as server:
+    """Starts a server, fills it, and asks it all sorts of things; the exit code is that of schemathesis."""
+    with tempfile.TemporaryDirectory() as name, Server(Path(name), "--http-rate", "100000") as server:
+        folder = Path(name)
         with furrow.Client(server.url) as client:
-            key, worker = fill(server, client)
-        names = {"FURROW_JOB_KEY": key, "FURROW_WORKER": worker, "PYTHONPATH": str(HERE)}
-        program = [str(Path(sys.executable).parent / "schemathesis"), "--config-file", str(HERE / "schemathesis.toml")]
+            file = settings(folder, *fill(server, client))
+        program = [str(Path(sys.executable).parent / "schemathesis"), "--config-file", str(file)]
         asked = [*program, "run", f"{server.url}/openapi.json", "--no-color", *options]
-        # A folder of its own: nothing of it stays.
-        return subprocess.run(asked, env={**os.environ, **names}, cwd=folder).returncode
+        # Whatever it leaves is left in the folder that goes.
+        return subprocess.run(asked, env={**os.environ, "PYTHONPATH": str(HERE)}, cwd=folder).returncode
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ pub mod tables;
 pub mod tls;
 pub mod trajectories;
 pub mod values;
+mod whole;
 pub mod workers;
 
 #[cfg(test)]

@@ -15,13 +15,14 @@ use super::App;
 use super::extract::{JsonBody, Params};
 use super::problem::Problem;
 use super::sweeps::sweep_id;
+use super::whole::whole_or_null;
 
 /// What to change about a sweep: one of the two, or both.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweepPatch {
     /// Higher goes first.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_null")]
     pub priority: Option<i64>,
     /// Whether its jobs wait until it is resumed. Those that run may end, and their results count.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -18,6 +18,7 @@ use super::App;
 use super::extract::{JsonBody, Params};
 use super::parameters::SubmissionKey;
 use super::problem::Problem;
+use super::whole::{whole, whole_or_null};
 use crate::plan::{self, CustomField, Expansion, NotApplied, PlanSource, Request};
 
 const DEFAULT_LIMIT: u32 = 50;
@@ -25,6 +26,7 @@ const MAX_LIMIT: u32 = 1_000;
 
 /// What to run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(example = json!({"plan": "guyonneau2022/bounds", "only": {"field": ["crop-1"]}, "seeds": 2}))]
 #[serde(deny_unknown_fields)]
 pub struct SweepRequest {
     /// A plan's name, or an object that is a plan.
@@ -46,11 +48,11 @@ pub struct SweepRequest {
     #[schema(value_type = Option<Object>)]
     pub field: Option<Value>,
     /// Seeds 1 to this in place of the plan's number.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_null")]
     #[schema(minimum = 1, maximum = 1_000_000)]
     pub seeds: Option<u64>,
     /// Higher goes first; 0 if not given.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole")]
     pub priority: i64,
     /// A name for it; the plan's if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
