@@ -30,8 +30,10 @@ def until_ended(transport: Transport, known: SweepStatus, told: Told, timeout_s:
         for status in _heard(transport, path, known, until):
             known = status
             told(known)
-        known = _looked(transport, path, known)
-        told(known)
+        now = _looked(transport, path, known)
+        if now != known:
+            known = now
+            told(known)
         if known.ended:
             return known
         left_s = until - time.monotonic()
@@ -77,6 +79,7 @@ class Bar:
     def __init__(self, status: SweepStatus) -> None:
         form = "{desc}: {percentage:3.0f} %|{bar}| {n_fmt}/{total_fmt} runs, {elapsed}{postfix}"
         self._bar = tqdm(total=status.total, desc=f"sweep {status.id}", bar_format=form)
+        self(status)
 
     def __enter__(self) -> Bar:
         return self

@@ -23,10 +23,10 @@ fn read<T: TryFrom<i128>, E: Error>(number: &Number) -> Result<T, E> {
     T::try_from(whole).map_err(|_| E::custom(format!("`{number}` is out of range")))
 }
 
-/// The number itself, if it is whole and below 2^64 on either side.
+/// The number itself, if it is whole. Beyond 2^53 nobody can tell which one was meant.
 #[expect(clippy::cast_possible_truncation, reason = "it has no fraction and is in range")]
 fn exact(number: f64) -> Option<i128> {
-    (number.fract() == 0.0 && number.abs() < 2_f64.powi(64)).then_some(number as i128)
+    (number.fract() == 0.0 && number.abs() < 2_f64.powi(53)).then_some(number as i128)
 }
 
 #[cfg(test)]
@@ -60,5 +60,6 @@ mod tests {
             assert!(error.contains(word), "{error}");
         }
         assert!(body(r#"{"seeds": 1, "until_ms": 9223372036854775808}"#).unwrap_err().contains("range"));
+        assert!(body(r#"{"seeds": 1, "until_ms": -9223372036854775809}"#).unwrap_err().contains("no whole"));
     }
 }
