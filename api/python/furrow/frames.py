@@ -35,13 +35,13 @@ def of_table(csv: str, factors: Collection[str]) -> pd.DataFrame:
 
 def of_runs(csv: str, factors: Collection[str]) -> pd.DataFrame:
     """All runs of a sweep, a row each."""
-    return _typed(_cells(csv), TEXTS_OF_RUNS.union(factors), COUNTS_OF_RUNS.__contains__)
+    return _typed(_cells(csv), _texts_of_runs(factors), COUNTS_OF_RUNS.__contains__)
 
 
 def of_runs_in_parquet(content: bytes, factors: Collection[str]) -> pd.DataFrame:
     """The same from Parquet, which pyarrow reads."""
     runs = pd.read_parquet(io.BytesIO(content), engine="pyarrow")
-    texts = TEXTS_OF_RUNS.union(factors)
+    texts = _texts_of_runs(factors)
     kinds = {name: _kind(name, texts) for name in runs.columns}
     return runs.astype(kinds)
 
@@ -62,6 +62,12 @@ def of_publication(csv: str) -> pd.DataFrame:
 def has_parquet() -> bool:
     """Whether pyarrow is there."""
     return importlib.util.find_spec("pyarrow") is not None
+
+
+def _texts_of_runs(factors: Collection[str]) -> frozenset[str]:
+    """A factor that is called like another column goes by ``factor.`` before its name."""
+    own = TEXTS_OF_RUNS | COUNTS_OF_RUNS
+    return TEXTS_OF_RUNS.union(f"factor.{name}" if name in own else name for name in factors)
 
 
 def _cells(csv: str) -> pd.DataFrame:

@@ -119,6 +119,21 @@ def test_runs_without_a_result_are_rows_too(waiting: furrow.Sweep, monkeypatch: 
     assert table["n"].tolist() == [0, 0] and table["success_ratio"].isna().all()
 
 
+def test_a_factor_may_be_called_like_another_column(
+    idle: Server, done: furrow.Sweep, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    level = {"label": "1", "patch": {}}
+    plan = {"name": "mine", "title": "t", "source": "s", "base": next(done.jobs()).scenario,
+            "factors": [{"name": "seed", "levels": [level]}, {"name": "state", "levels": [level]}], "seeds": 1}
+    with furrow.Client(idle.url) as client:
+        sweep = client.submit(plan)
+        parquet = sweep.results()
+        monkeypatch.setattr("furrow.frames.has_parquet", lambda: False)
+        pd.testing.assert_frame_equal(parquet, sweep.results(), check_exact=True)
+        assert parquet[["factor.seed", "seed", "factor.state", "state"]].values.tolist() == [["1", 1, "1", "queued"]]
+        assert sweep.table()["seed"].tolist() == ["1"]
+
+
 def test_two_levels_are_compared_in_pairs(client: furrow.Client, done: furrow.Sweep) -> None:
     compared = done.compare("algorithm", "oracle", "heading-hold", metric=METRICS, group_by="field")
     assert compared["field"].isna().tolist() == [True, True, False, False]
