@@ -14,6 +14,7 @@ use utoipa_axum::routes;
 use super::App;
 use super::extract::Params;
 use super::negotiate::choose;
+use super::parameters::{Name, TableForm};
 use super::problem::Problem;
 use super::sweeps::sweep_id;
 use super::tables::FORMS;
@@ -40,14 +41,14 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// sweeps, in the cells that they have in common.
 #[utoipa::path(get, path = "/v1/sweeps/{sweep}/compare", tag = "sweeps",
     params(
-        ("sweep" = i64, Path, description = "its number"),
+        ("sweep" = SweepId, Path, description = "its number"),
         ("factor" = Option<String>, Query, description = "the factor; between two sweeps it may be left out"),
         ("a" = Option<String>, Query, description = "its label on side a"),
         ("b" = Option<String>, Query, description = "its label on side b"),
         ("other" = Option<SweepId>, Query, description = "take side b from this sweep, which has the same factors"),
-        ("metric" = Option<String>, Query, description = "metrics, with commas; success if not given"),
-        ("group_by" = Option<String>, Query, description = "other factors, with commas, by whose levels to answer, too"),
-        ("format" = Option<String>, Query, description = "json, csv, md, latex or text; wins over the header Accept"),
+        ("metric" = inline(Option<Vec<Name>>), Query, explode = false, description = "metrics, with commas; success if not given"),
+        ("group_by" = inline(Option<Vec<Name>>), Query, explode = false, description = "other factors, with commas, by whose levels to answer, too"),
+        ("format" = inline(Option<TableForm>), Query, description = "json, csv, md, latex or text; wins over the header Accept"),
     ),
     responses(
         (status = 200, content((ComparisonOfSweep = "application/json"), (String = "text/csv"), (String = "text/markdown"),

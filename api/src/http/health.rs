@@ -49,7 +49,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 }
 
 /// The process answers.
-#[utoipa::path(get, path = "/healthz", tag = "health", responses((status = 200, body = Health)))]
+#[utoipa::path(get, path = "/healthz", tag = "health", 
+    responses((status = 200, body = Health), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn healthz(State(app): State<App>, trusted: Option<Extension<Trusted>>) -> Json<Health> {
     Json(health(&app, trusted.is_some()))
 }

@@ -77,7 +77,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 
 /// Results that differ from those on record, newest first, and how many were compared.
 #[utoipa::path(get, path = "/v1/incidents", tag = "jobs",
-    params(("limit" = Option<u32>, Query, description = "at most this many, 1 to 1000; 100 if not given")),
+    params(("limit" = Option<u32>, Query, minimum = 1, maximum = 1_000, description = "at most this many, 1 to 1000; 100 if not given")),
     responses((status = 200, body = Incidents), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn list_incidents(State(app): State<App>, mut params: Params) -> Result<Json<Incidents>, Problem> {
     let limit = params.limit(LIMITS.0, LIMITS.1)?;

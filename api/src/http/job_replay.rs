@@ -18,6 +18,7 @@ use utoipa_axum::routes;
 
 use super::App;
 use super::extract::Params;
+use super::parameters::JobName;
 use super::problem::Problem;
 use super::replays::Replay;
 
@@ -100,7 +101,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 ///
 /// The run is repeated from its seed, at a few hundred times its own speed, and must give the digest on record.
 #[utoipa::path(get, path = "/v1/jobs/{job}/replay", tag = "jobs",
-    params(("job" = String, Path, description = "number, key, or the first digits of a key: at least 8")),
+    params(("job" = inline(JobName), Path, description = "number, key, or the first digits of a key: at least 8")),
     responses((status = 200, body = JobReplay), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn get_replay(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Response, Problem> {
     params.finish()?;

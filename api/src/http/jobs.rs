@@ -17,6 +17,7 @@ use utoipa_axum::routes;
 use super::App;
 use super::extract::Params;
 use super::incidents::IncidentLine;
+use super::parameters::{JobName, Labels, PlaceInJobs, StateWord};
 use super::problem::Problem;
 
 /// Some jobs of a list.
@@ -157,10 +158,10 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 #[utoipa::path(get, path = "/v1/jobs", tag = "jobs",
     params(
         ("sweep" = Option<SweepId>, Query, description = "only jobs of this sweep"),
-        ("state" = Option<JobState>, Query, description = "only jobs in this state"),
-        ("factor.{name}" = Option<String>, Query, description = "only jobs with this label, such as `factor.algorithm=rgop`"),
-        ("limit" = Option<u32>, Query, description = "jobs a page, 1 to 10000; 100 if not given"),
-        ("after" = Option<String>, Query, description = "`next` of the page before"),
+        ("state" = inline(Option<StateWord>), Query, description = "only jobs in this state"),
+        ("labels" = inline(Option<Labels>), Query, explode, description = "only jobs with these labels: `factor.NAME=LABEL` each, such as `factor.algorithm=rgop`"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 10_000, description = "jobs a page, 1 to 10000; 100 if not given"),
+        ("after" = inline(Option<PlaceInJobs>), Query, description = "`next` of the page before"),
     ),
     responses((status = 200, body = Jobs), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn list_jobs(State(app): State<App>, mut params: Params) -> Result<Json<Jobs>, Problem> {
@@ -191,12 +192,12 @@ async fn known_factors(app: &App, sweep: SweepId, factors: &BTreeMap<String, Str
     let sweep = app.sweep(sweep).await?;
     let Some(unknown) = factors.keys().find(|name| !sweep.factors.contains(name)) else { return Ok(()) };
     let detail = format!("sweep {} has no factor `{unknown}`", sweep.id);
-    Err(Problem::bad_request(detail).at(format!("factor.{unknown}")).allowing(sweep.factors))
+    Err(Problem::unprocessable(detail).at(format!("factor.{unknown}")).allowing(sweep.factors))
 }
 
 /// One job with its scenario, attempts, metrics and timings.
 #[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs",
-    params(("job" = String, Path, description = "number, key, or the first digits of a key: at least 8")),
+    params(("job" = inline(JobName), Path, description = "number, key, or the first digits of a key: at least 8")),
     responses((status = 200, body = Job), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn get_job(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Json<Job>, Problem> {
     params.finish()?;

@@ -23,6 +23,7 @@ mod listen;
 mod metrics;
 mod negotiate;
 mod page;
+mod parameters;
 pub mod plans;
 pub mod problem;
 pub mod publications;
@@ -36,6 +37,7 @@ pub mod tables;
 pub mod tls;
 pub mod trajectories;
 pub mod values;
+mod whole;
 pub mod workers;
 
 #[cfg(test)]

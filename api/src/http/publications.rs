@@ -15,6 +15,7 @@ use utoipa_axum::routes;
 use super::App;
 use super::extract::Params;
 use super::negotiate::choose;
+use super::parameters::TableForm;
 use super::problem::Problem;
 use super::tables::{FORMS, sweep_data};
 use crate::publication::{self, Comparison, PublicationError};
@@ -71,7 +72,7 @@ async fn list_publications(State(app): State<App>, mut params: Params) -> Result
         ("source" = String, Path, description = "the publication, such as `guyonneau2022`"),
         ("table" = String, Path, description = "the table, such as `table-2`, `figure-18` or `claims`"),
         ("sweep" = Option<SweepId>, Query, description = "if not given the newest sweep of the plan of that name, else of any plan of that publication; for a table of times the newest that measured them; for claims the newest of each plan, of which the first with runs for a claim decides"),
-        ("format" = Option<String>, Query, description = "json, csv, md, latex or text; wins over the header Accept"),
+        ("format" = inline(Option<TableForm>), Query, description = "json, csv, md, latex or text; wins over the header Accept"),
     ),
     responses(
         (status = 200, content((Comparison = "application/json"), (String = "text/csv"), (String = "text/markdown"),

@@ -17,13 +17,13 @@ impl From<PlanError> for Problem {
 
 impl From<TableError> for Problem {
     fn from(error: TableError) -> Self {
-        Self::bad_request(error.to_string()).at(error.key).allowing(error.known)
+        Self::unprocessable(error.to_string()).at(error.key).allowing(error.known)
     }
 }
 
 impl From<PairedError> for Problem {
     fn from(error: PairedError) -> Self {
-        Self::bad_request(error.to_string()).at(error.key).allowing(error.known)
+        Self::unprocessable(error.to_string()).at(error.key).allowing(error.known)
     }
 }
 

@@ -19,13 +19,14 @@ use super::App;
 use super::etag::Tag;
 use super::extract::Params;
 use super::negotiate::{Form, PARQUET, choose};
+use super::parameters::{Binary, RunsForm};
 use super::problem::Problem;
 use crate::export::{self, Columns, Export};
 
 /// Rows in memory at a time.
 const PAGE: u32 = 10_000;
 
-const FORMS: [Form<export::Form>; 3] = [
+pub(super) const FORMS: [Form<export::Form>; 3] = [
     Form { word: "json", media_type: "application/x-ndjson", form: export::Form::Lines },
     Form { word: "csv", media_type: "text/csv", form: export::Form::Csv },
     Form { word: "parquet", media_type: PARQUET, form: export::Form::Parquet },
@@ -39,13 +40,13 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// object a line. A run that ends meanwhile may be shown before or after that; the columns are those known at the start.
 #[utoipa::path(get, path = "/v1/sweeps/{sweep}/results", tag = "sweeps",
     params(
-        ("sweep" = i64, Path, description = "its number"),
-        ("format" = Option<String>, Query, description = "json, csv or parquet; wins over the header Accept"),
+        ("sweep" = SweepId, Path, description = "its number"),
+        ("format" = inline(Option<RunsForm>), Query, description = "json, csv or parquet; wins over the header Accept"),
         ("If-None-Match" = Option<String>, Header, description = "the ETag of an earlier answer"),
     ),
     responses(
         (status = 200, content((String = "application/x-ndjson"), (String = "text/csv"),
-            (Vec<u8> = "application/vnd.apache.parquet")),
+            (inline(Binary) = "application/vnd.apache.parquet")),
             headers(("ETag" = String, description = "only of a sweep that is done"))),
         (status = 304, description = "nothing changed since the answer with this ETag"),
         (status = "default", body = Problem, content_type = "application/problem+json")))]

@@ -5,6 +5,7 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use furrow_coordinator::SweepChange;
+use furrow_schema::id::SweepId;
 use furrow_schema::sweep::Sweep;
 use serde::{Deserialize, Serialize};
 use utoipa_axum::router::OpenApiRouter;
@@ -14,13 +15,14 @@ use super::App;
 use super::extract::{JsonBody, Params};
 use super::problem::Problem;
 use super::sweeps::sweep_id;
+use super::whole::whole_or_null;
 
 /// What to change about a sweep: one of the two, or both.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweepPatch {
     /// Higher goes first.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_null")]
     pub priority: Option<i64>,
     /// Whether its jobs wait until it is resumed. Those that run may end, and their results count.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -36,7 +38,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// A job that several sweeps want has the highest priority among those not paused. A sweep that is done has nothing to
 /// pause; one that is cancelled cannot be resumed (409), but retried.
 #[utoipa::path(patch, path = "/v1/sweeps/{sweep}", tag = "sweeps", request_body = SweepPatch,
-    params(("sweep" = i64, Path, description = "its number")),
+    params(("sweep" = SweepId, Path, description = "its number")),
     responses((status = 200, body = Sweep), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn patch_sweep(
     State(app): State<App>,
@@ -47,7 +49,7 @@ async fn patch_sweep(
     params.finish()?;
     let SweepPatch { priority, paused } = patch;
     if priority.is_none() && paused.is_none() {
-        return Err(Problem::bad_request("nothing to change").allowing(["priority", "paused"]));
+        return Err(Problem::unprocessable("nothing to change").allowing(["priority", "paused"]));
     }
     let id = sweep_id(&name)?;
     let changed = app.coordinator().change(id, SweepChange { priority, paused }).await?;
@@ -60,7 +62,7 @@ async fn patch_sweep(
 /// so. Removing takes away its cells, too, and the jobs, results and scenarios that no other sweep lists.
 #[utoipa::path(delete, path = "/v1/sweeps/{sweep}", tag = "sweeps",
     params(
-        ("sweep" = i64, Path, description = "its number"),
+        ("sweep" = SweepId, Path, description = "its number"),
         ("purge" = Option<bool>, Query, description = "whether to remove it; false if not given"),
     ),
     responses(
@@ -85,7 +87,7 @@ async fn delete_sweep(
 
 /// Queues a sweep's failed and cancelled jobs again, and answers with where it stands then. Attempts go on counting.
 #[utoipa::path(post, path = "/v1/sweeps/{sweep}/retry", tag = "sweeps",
-    params(("sweep" = i64, Path, description = "its number")),
+    params(("sweep" = SweepId, Path, description = "its number")),
     responses((status = 200, body = Sweep), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn retry_sweep(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Json<Sweep>, Problem> {
     params.finish()?;

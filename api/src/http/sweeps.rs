@@ -16,7 +16,9 @@ use utoipa_axum::routes;
 
 use super::App;
 use super::extract::{JsonBody, Params};
+use super::parameters::SubmissionKey;
 use super::problem::Problem;
+use super::whole::{whole, whole_or_null};
 use crate::plan::{self, CustomField, Expansion, NotApplied, PlanSource, Request};
 
 const DEFAULT_LIMIT: u32 = 50;
@@ -24,10 +26,11 @@ const MAX_LIMIT: u32 = 1_000;
 
 /// What to run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(example = json!({"plan": "guyonneau2022/bounds", "only": {"field": ["crop-1"]}, "seeds": 2}))]
 #[serde(deny_unknown_fields)]
 pub struct SweepRequest {
     /// A plan's name, or an object that is a plan.
-    #[schema(value_type = Object)]
+    #[schema(value_type = PlanGiven)]
     pub plan: Value,
     /// Levels to keep, by factor.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -38,20 +41,22 @@ pub struct SweepRequest {
     pub set: BTreeMap<String, Value>,
     /// Further factors: the values that a dotted path takes.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    #[schema(value_type = Object)]
+    #[schema(value_type = BTreeMap<String, Vec<Value>>)]
     pub vary: BTreeMap<String, Vec<Value>>,
     /// The user's own field in place of the plan's fields.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Object>)]
     pub field: Option<Value>,
     /// Seeds 1 to this in place of the plan's number.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_null")]
+    #[schema(minimum = 1, maximum = 1_000_000)]
     pub seeds: Option<u64>,
     /// Higher goes first; 0 if not given.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole")]
     pub priority: i64,
     /// A name for it; the plan's if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 200)]
     pub name: Option<String>,
     /// Whether trajectories are stored.
     #[serde(default)]
@@ -59,6 +64,16 @@ pub struct SweepRequest {
     /// Whether it measures times: no cached result counts, and workers run one job at a time.
     #[serde(default)]
     pub timing: bool,
+}
+
+/// A plan's name, or a plan.
+#[derive(utoipa::ToSchema)]
+#[schema(as = PlanGiven)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "it stands in the description only")]
+enum PlanGiven {
+    Name(String),
+    Plan(serde_json::Map<String, Value>),
 }
 
 /// What a submission came to.
@@ -91,7 +106,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 
 /// Submits a sweep, all of it or nothing. Jobs whose result is known are not run again.
 #[utoipa::path(post, path = "/v1/sweeps", tag = "sweeps", request_body = SweepRequest,
-    params(("Idempotency-Key" = Option<String>, Header, description = "the same key with the same body gives the same sweep")),
+    params(("Idempotency-Key" = inline(Option<SubmissionKey>), Header, description = "the same key with the same body gives the same sweep")),
     responses(
         (status = 201, body = SweepCreated, headers(("Location" = String, description = "the sweep"))),
         (status = "default", body = Problem, content_type = "application/problem+json")))]
@@ -182,7 +197,7 @@ pub(crate) fn new_sweep(expansion: Expansion, name: Option<String>) -> NewSweep 
 /// Sweeps, newest first, page by page.
 #[utoipa::path(get, path = "/v1/sweeps", tag = "sweeps",
     params(
-        ("limit" = Option<u32>, Query, description = "sweeps a page, 1 to 1000; 50 if not given"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 1_000, description = "sweeps a page, 1 to 1000; 50 if not given"),
         ("after" = Option<SweepId>, Query, description = "`next` of the page before"),
     ),
     responses((status = 200, body = Sweeps), (status = "default", body = Problem, content_type = "application/problem+json")))]
@@ -199,7 +214,7 @@ async fn list_sweeps(State(app): State<App>, mut params: Params) -> Result<Json<
 
 /// Where a sweep stands.
 #[utoipa::path(get, path = "/v1/sweeps/{sweep}", tag = "sweeps",
-    params(("sweep" = i64, Path, description = "its number")),
+    params(("sweep" = SweepId, Path, description = "its number")),
     responses((status = 200, body = Sweep), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn get_sweep(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Json<Sweep>, Problem> {
     params.finish()?;

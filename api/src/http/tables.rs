@@ -18,6 +18,7 @@ use super::App;
 use super::etag::Tag;
 use super::extract::Params;
 use super::negotiate::{Form, PARQUET, choose};
+use super::parameters::{Binary, Name, ResultsTableForm, StatisticWord};
 use super::problem::Problem;
 use crate::table::{Format, Metric, Query, SweepData, parquet, tabulate};
 
@@ -49,7 +50,7 @@ pub(super) const FORMS: [Form<Format>; 5] = [
 
 /// What a table of results is written as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+pub(super) enum Kind {
     Text(Format),
     Parquet,
 }
@@ -59,7 +60,7 @@ const fn kind(form: Form<Format>) -> Form<Kind> {
 }
 
 /// The forms of a table of results.
-const KINDS: [Form<Kind>; 6] = [
+pub(super) const KINDS: [Form<Kind>; 6] = [
     kind(FORMS[0]),
     kind(FORMS[1]),
     kind(FORMS[2]),
@@ -75,17 +76,17 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// Statistics of a sweep's results so far, by cell.
 #[utoipa::path(get, path = "/v1/sweeps/{sweep}/table", tag = "sweeps",
     params(
-        ("sweep" = i64, Path, description = "its number"),
-        ("group_by" = Option<String>, Query, description = "factors to keep, with commas; all if not given"),
-        ("metric" = Option<String>, Query, description = "metrics, with commas; all if not given"),
+        ("sweep" = SweepId, Path, description = "its number"),
+        ("group_by" = inline(Option<Vec<Name>>), Query, explode = false, description = "factors to keep, with commas; all if not given"),
+        ("metric" = inline(Option<Vec<Name>>), Query, explode = false, description = "metrics, with commas; all if not given"),
         ("columns" = Option<String>, Query, description = "a factor whose labels become columns (not in JSON)"),
-        ("statistic" = Option<String>, Query, description = "mean, std, median, min, max, ci95, n, with commas"),
-        ("format" = Option<String>, Query, description = "json, csv, md, latex, text or parquet; wins over the header Accept"),
+        ("statistic" = inline(Option<Vec<StatisticWord>>), Query, explode = false, description = "mean, std, median, min, max, ci95, n, with commas"),
+        ("format" = inline(Option<ResultsTableForm>), Query, description = "json, csv, md, latex, text or parquet; wins over the header Accept"),
         ("If-None-Match" = Option<String>, Header, description = "the ETag of an earlier answer"),
     ),
     responses(
         (status = 200, content((TableOfSweep = "application/json"), (String = "text/csv"), (String = "text/markdown"),
-            (String = "application/x-latex"), (String = "text/plain"), (Vec<u8> = "application/vnd.apache.parquet")),
+            (String = "application/x-latex"), (String = "text/plain"), (inline(Binary) = "application/vnd.apache.parquet")),
             headers(("ETag" = String, description = "changes with the results"))),
         (status = 304, description = "no result came since the answer with this ETag"),
         (status = "default", body = Problem, content_type = "application/problem+json")))]

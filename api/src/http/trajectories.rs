@@ -18,6 +18,7 @@ use utoipa_axum::routes;
 use super::App;
 use super::extract::Params;
 use super::negotiate::{Form, choose};
+use super::parameters::{JobName, PathForm};
 use super::problem::Problem;
 use super::replays::{Order, Replay};
 
@@ -43,12 +44,12 @@ pub struct Trajectory {
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Kind {
+pub(super) enum Kind {
     Json,
     Csv,
 }
 
-const FORMS: [Form<Kind>; 2] = [
+pub(super) const FORMS: [Form<Kind>; 2] = [
     Form { word: "json", media_type: "application/json", form: Kind::Json },
     Form { word: "csv", media_type: "text/csv", form: Kind::Csv },
 ];
@@ -60,8 +61,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// The poses of a finished run, 20 a simulated second.
 #[utoipa::path(get, path = "/v1/jobs/{job}/trajectory", tag = "jobs",
     params(
-        ("job" = String, Path, description = "number, key, or the first digits of a key: at least 8"),
-        ("format" = Option<String>, Query, description = "json or csv; wins over the header Accept"),
+        ("job" = inline(JobName), Path, description = "number, key, or the first digits of a key: at least 8"),
+        ("format" = inline(Option<PathForm>), Query, description = "json or csv; wins over the header Accept"),
     ),
     responses(
         (status = 200, content((Trajectory = "application/json"), (String = "text/csv"))),
@@ -87,7 +88,7 @@ async fn get_trajectory(
 
 /// A drawing of a finished run: field, weeds, damaged plants and the path.
 #[utoipa::path(get, path = "/v1/jobs/{job}/trajectory.svg", tag = "jobs",
-    params(("job" = String, Path, description = "number, key, or the first digits of a key: at least 8")),
+    params(("job" = inline(JobName), Path, description = "number, key, or the first digits of a key: at least 8")),
     responses(
         (status = 200, body = String, content_type = "image/svg+xml"),
         (status = "default", body = Problem, content_type = "application/problem+json")))]

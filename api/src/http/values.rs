@@ -12,6 +12,7 @@ use utoipa_axum::routes;
 
 use super::App;
 use super::extract::Params;
+use super::parameters::{Labels, Name};
 use super::problem::Problem;
 
 /// A plot of more runs shows no single ones.
@@ -50,9 +51,9 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// The values of single runs, by cell. A sweep with more than 20,000 results is refused.
 #[utoipa::path(get, path = "/v1/sweeps/{sweep}/values", tag = "sweeps",
     params(
-        ("sweep" = i64, Path, description = "its number"),
-        ("metric" = String, Query, description = "metrics of runs, with commas, at most 8"),
-        ("factor.{name}" = Option<String>, Query, description = "only cells with this label, such as `factor.algorithm=rgop`"),
+        ("sweep" = SweepId, Path, description = "its number"),
+        ("metric" = inline(Vec<Name>), Query, explode = false, min_items = 1, max_items = 8, description = "metrics of runs, with commas, at most 8"),
+        ("labels" = inline(Option<Labels>), Query, explode, description = "only cells with these labels: `factor.NAME=LABEL` each, such as `factor.algorithm=rgop`"),
     ),
     responses((status = 200, body = SweepValues), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn get_values(

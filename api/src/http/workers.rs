@@ -15,6 +15,7 @@ use utoipa_axum::routes;
 use super::App;
 use super::extract::{JsonBody, Params};
 use super::problem::Problem;
+use super::whole::whole_or_null;
 
 /// All workers, the latest seen first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -99,13 +100,10 @@ pub enum EnrolledBy {
 #[serde(deny_unknown_fields)]
 pub struct WorkerPatch {
     /// Until when it is let in [ms since 1970]; null for good.
-    #[serde(deserialize_with = "given")]
+    // With a function of its own a key must be there, though it may be null.
+    #[serde(deserialize_with = "whole_or_null")]
+    #[schema(required = true)]
     pub until_ms: Option<i64>,
-}
-
-/// A key that must be there, though it may be null.
-fn given<'de, D: serde::Deserializer<'de>>(value: D) -> Result<Option<i64>, D::Error> {
-    Option::deserialize(value)
 }
 
 /// The terms of a new join secret.
@@ -113,13 +111,16 @@ fn given<'de, D: serde::Deserializer<'de>>(value: D) -> Result<Option<i64>, D::E
 #[serde(deny_unknown_fields)]
 pub struct NewJoinSecret {
     /// It can be used for so many seconds: 1 to a year of them; a day if not given.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_null")]
+    #[schema(minimum = 1, maximum = 31_622_400)]
     pub valid_s: Option<u64>,
     /// So many workers may enrol with it: 1 to 10,000; 100 if not given.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_null")]
+    #[schema(minimum = 1, maximum = 10_000)]
     pub uses: Option<u32>,
     /// The workers are let in for so many seconds: 1 to ten years of them; for good if not given.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_null")]
+    #[schema(minimum = 1, maximum = 316_224_000)]
     pub workers_s: Option<u64>,
 }
 
@@ -176,7 +177,7 @@ async fn list_workers(State(app): State<App>, params: Params) -> Result<Json<Wor
 
 /// Shows one worker.
 #[utoipa::path(get, path = "/v1/workers/{worker}", tag = "workers",
-    params(("worker" = String, Path, description = "its id")),
+    params(("worker" = WorkerId, Path, description = "its id")),
     responses((status = 200, body = WorkerLine), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn get_worker(
     State(app): State<App>,
@@ -190,7 +191,7 @@ async fn get_worker(
 
 /// Lets a worker in until a time, or for good. One whose time is over loses what it holds at once, and ends.
 #[utoipa::path(patch, path = "/v1/workers/{worker}", tag = "workers", request_body = WorkerPatch,
-    params(("worker" = String, Path, description = "its id")),
+    params(("worker" = WorkerId, Path, description = "its id")),
     responses((status = 200, body = WorkerLine), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn patch_worker(
     State(app): State<App>,
@@ -205,7 +206,7 @@ async fn patch_worker(
 
 /// Revokes a worker: it loses what it holds at once, is refused from then on, and ends. Doing it again changes nothing.
 #[utoipa::path(delete, path = "/v1/workers/{worker}", tag = "workers",
-    params(("worker" = String, Path, description = "its id")),
+    params(("worker" = WorkerId, Path, description = "its id")),
     responses((status = 200, body = WorkerLine), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn delete_worker(
     State(app): State<App>,
@@ -219,7 +220,7 @@ async fn delete_worker(
 
 /// Lets a barred worker have jobs again, once it is known that it was not at fault or has been mended.
 #[utoipa::path(post, path = "/v1/workers/{worker}/allow", tag = "workers",
-    params(("worker" = String, Path, description = "its id")),
+    params(("worker" = WorkerId, Path, description = "its id")),
     responses((status = 200, body = WorkerLine), (status = "default", body = Problem, content_type = "application/problem+json")))]
 async fn allow_worker(
     State(app): State<App>,

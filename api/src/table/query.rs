@@ -61,9 +61,15 @@ impl Query {
     }
 }
 
-/// A list separated by commas.
+/// A list separated by commas; what stands in it twice counts once.
 pub(crate) fn list(words: &str) -> Vec<String> {
-    words.split(',').map(str::trim).filter(|word| !word.is_empty()).map(str::to_owned).collect()
+    let mut listed: Vec<String> = Vec::new();
+    for word in words.split(',').map(str::trim).filter(|word| !word.is_empty()) {
+        if !listed.iter().any(|other| other == word) {
+            listed.push(word.to_owned());
+        }
+    }
+    listed
 }
 
 /// A statistic of a metric.
@@ -178,6 +184,8 @@ mod tests {
         assert_eq!(query.metrics, None);
         assert_eq!(query.columns.as_deref(), Some("field"));
         assert_eq!(query.statistics, Some(vec![Statistic::Mean, Statistic::Ci95]));
+        let twice = Query::from_words(None, Some("success,success"), None, Some("n,median,n")).unwrap();
+        assert_eq!((twice.metrics.unwrap().len(), twice.statistics.unwrap().len()), (1, 2));
         assert_eq!(Query::from_words(Some(""), None, None, None).unwrap().group_by, Some(vec![]));
     }
 

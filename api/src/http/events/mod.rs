@@ -174,7 +174,7 @@ async fn get_events(
 ///
 /// When the sweep is done or cancelled comes the event `end`, then the stream ends. Otherwise as `/v1/events`.
 #[utoipa::path(get, path = "/v1/sweeps/{sweep}/events", tag = "events",
-    params(("sweep" = i64, Path, description = "its number")),
+    params(("sweep" = SweepId, Path, description = "its number")),
     responses(
         (status = 200, body = Told, content_type = "text/event-stream"),
         (status = "default", body = Problem, content_type = "application/problem+json")))]

@@ -77,22 +77,10 @@ async fn a_bad_parameter_is_refused_by_its_name() {
         ("/v1/jobs?state=lost", "state"),
         ("/v1/jobs?sweep=x", "sweep"),
         ("/v1/jobs?after=1", "after"),
-        ("/v1/jobs?sweep=1&factor.weather=rain", "factor.weather"),
         ("/v1/jobs?limit=10001", "limit"),
-        ("/v1/sweeps/1/table?metric=beauty", "metric"),
-        ("/v1/sweeps/1/table?group_by=weather", "group_by"),
-        ("/v1/sweeps/1/table?columns=weather", "columns"),
-        ("/v1/sweeps/1/table?statistic=mode", "statistic"),
         ("/v1/sweeps/1/table?format=pdf", "format"),
         ("/v1/sweeps/1/results?format=xlsx", "format"),
         ("/v1/sweeps/1/results?limit=3", "limit"),
-        ("/v1/sweeps/1/compare", "factor"),
-        ("/v1/sweeps/1/compare?factor=weather&a=rgop&b=oracle", "factor"),
-        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop", "b"),
-        ("/v1/sweeps/1/compare?factor=algorithm&a=ruby&b=rgop", "a"),
-        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=rgop", "b"),
-        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&metric=beauty", "metric"),
-        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&group_by=algorithm", "group_by"),
         ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&format=pdf", "format"),
         ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&colour=red", "colour"),
         ("/v1/sweeps/1/compare?other=x", "other"),
@@ -100,6 +88,27 @@ async fn a_bad_parameter_is_refused_by_its_name() {
         ("/v1/publications/guyonneau2022/table-2?sweep=x", "sweep"),
     ] {
         check(&service.get(path).await, 400, Some(key));
+    }
+}
+
+#[tokio::test]
+async fn what_a_sweep_does_not_have_is_refused_by_its_name() {
+    let service = Service::with_results(1).await;
+    for (path, key) in [
+        ("/v1/jobs?sweep=1&factor.weather=rain", "factor.weather"),
+        ("/v1/sweeps/1/table?metric=beauty", "metric"),
+        ("/v1/sweeps/1/table?group_by=weather", "group_by"),
+        ("/v1/sweeps/1/table?columns=weather", "columns"),
+        ("/v1/sweeps/1/table?statistic=mode", "statistic"),
+        ("/v1/sweeps/1/compare", "factor"),
+        ("/v1/sweeps/1/compare?factor=weather&a=rgop&b=oracle", "factor"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop", "b"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=ruby&b=rgop", "a"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=rgop", "b"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&metric=beauty", "metric"),
+        ("/v1/sweeps/1/compare?factor=algorithm&a=rgop&b=oracle&group_by=algorithm", "group_by"),
+    ] {
+        check(&service.get(path).await, 422, Some(key));
     }
 }
 

@@ -55,14 +55,20 @@ fn guarded(text: String) -> String {
 /// Text in which no character has a meaning to TeX.
 fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
-    for c in printable(text).chars() {
+    let text = printable(text);
+    let mut rest = text.chars().peekable();
+    while let Some(c) = rest.next() {
         match c {
             '&' | '%' | '$' | '#' | '_' | '{' | '}' => out.extend(['\\', c]),
             '~' => out.push_str("\\textasciitilde{}"),
-            '^' => out.push_str("\\textasciicircum{}"),
+            '^' => match rest.next_if(char::is_ascii_digit) {
+                Some(digit) => out.push_str(&raised(digit)),
+                None => out.push_str("\\textasciicircum{}"),
+            },
             '\\' => out.push_str("\\textbackslash{}"),
             '<' | '>' | '|' => out.extend(['$', c, '$']),
             c if SUPERSCRIPTS.contains(&c) => out.push_str(&raised(c)),
+            '∞' => out.push_str("$\\infty$"),
             '±' => out.push_str("$\\pm$"),
             _ => out.push(c),
         }
@@ -72,7 +78,7 @@ fn escaped(text: &str) -> String {
 
 /// A digit above the line, which few fonts have as a character.
 fn raised(c: char) -> String {
-    let digit = SUPERSCRIPTS.iter().position(|raised| *raised == c).unwrap_or_default();
+    let digit = SUPERSCRIPTS.iter().position(|raised| *raised == c).map_or(c.to_string(), |digit| digit.to_string());
     format!("\\textsuperscript{{{digit}}}")
 }
 
@@ -83,7 +89,12 @@ mod tests {
     #[test]
     fn no_label_is_a_command() {
         assert_eq!(escaped("\\input{x} 5% a_b"), "\\textbackslash{}input\\{x\\} 5\\% a\\_b");
-        assert_eq!(escaped("mm^2"), "mm\\textasciicircum{}2");
+        assert_eq!(escaped("a^b"), "a\\textasciicircum{}b");
+    }
+
+    #[test]
+    fn a_unit_squared_stands_as_in_print() {
+        assert_eq!(escaped("[mm^2] ∞"), "[mm\\textsuperscript{2}] $\\infty$");
     }
 
     #[test]
