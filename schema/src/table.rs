@@ -40,4 +40,19 @@ pub struct Statistics {
     /// 95 % interval of the mean: Wilson's for ratios, the bootstrap's for ratios of sums, Student's otherwise; null for
     /// one value of a mean.
     pub ci95: Option<[f64; 2]>,
+    /// Sum of the values, where it was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sum: Option<f64>,
+    /// 5th percentile, where it was asked for; between two values by linear interpolation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p5: Option<f64>,
+    /// 25th percentile, likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p25: Option<f64>,
+    /// 75th percentile, likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p75: Option<f64>,
+    /// 95th percentile, likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p95: Option<f64>,
 }

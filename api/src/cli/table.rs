@@ -22,7 +22,7 @@ pub(super) struct TableArgs {
     /// A factor whose labels become columns
     #[arg(long, value_name = "FACTOR")]
     columns: Option<String>,
-    /// Statistics to show, with commas: mean, std, median, min, max, ci95, n
+    /// Statistics to show, with commas: mean, std, median, min, max, ci95, n, sum, p5, p25, p75, p95
     #[arg(long, value_name = "STATISTICS")]
     statistic: Option<String>,
     /// text, md, csv, json, latex or parquet (to a file or pipe)

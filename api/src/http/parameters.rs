@@ -9,7 +9,7 @@ use utoipa::openapi::{KnownFormat, RefOr, SchemaFormat};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::negotiate::Form;
-use super::{results, tables, trajectories};
+use super::{reports, results, tables, trajectories};
 use crate::table::Statistic;
 
 macro_rules! described {
@@ -34,6 +34,8 @@ described! {
     TableForm: words(words_of(&tables::FORMS));
     /// The forms of all runs of a sweep.
     RunsForm: words(words_of(&results::FORMS));
+    /// The forms of a report.
+    ReportForm: words(words_of(&reports::FORMS));
     /// The forms of a path.
     PathForm: words(words_of(&trajectories::FORMS));
     /// A statistic.

@@ -7,7 +7,7 @@ use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use furrow_coordinator::view::{CellColumns, CellValues, JobFilter, JobRef};
-use furrow_schema::id::{Digest, JobId};
+use furrow_schema::id::{Digest, JobId, SweepId};
 use furrow_schema::job::JobState;
 use furrow_schema::sweep::Sweep;
 use serde_json::Value;
@@ -17,6 +17,7 @@ use utoipa_axum::routes;
 use super::App;
 use super::extract::Params;
 use super::negotiate::{Form, choose};
+use super::parameters::ReportForm;
 use super::problem::Problem;
 use super::trajectories::draw;
 use crate::publication::{self, Comparison};
@@ -28,7 +29,7 @@ const GIVEN_UP: u32 = 20;
 /// Runs that are drawn: one that went well, and some that did not.
 const DRAWN: usize = 4;
 
-const FORMS: [Form<report::Form>; 2] = [
+pub(super) const FORMS: [Form<report::Form>; 2] = [
     Form { word: "html", media_type: "text/html", form: report::Form::Html },
     Form { word: "md", media_type: "text/markdown", form: report::Form::Markdown },
 ];
@@ -41,8 +42,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// they are repeated from their seeds.
 #[utoipa::path(get, path = "/v1/sweeps/{sweep}/report", tag = "sweeps",
     params(
-        ("sweep" = i64, Path, description = "its number"),
-        ("format" = Option<String>, Query, description = "html or md; wins over the header Accept"),
+        ("sweep" = SweepId, Path, description = "its number"),
+        ("format" = inline(Option<ReportForm>), Query, description = "html or md; wins over the header Accept"),
     ),
     responses(
         (status = 200, content((String = "text/html"), (String = "text/markdown"))),

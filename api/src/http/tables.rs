@@ -80,7 +80,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         ("group_by" = inline(Option<Vec<Name>>), Query, explode = false, description = "factors to keep, with commas; all if not given"),
         ("metric" = inline(Option<Vec<Name>>), Query, explode = false, description = "metrics, with commas; all if not given"),
         ("columns" = Option<String>, Query, description = "a factor whose labels become columns (not in JSON)"),
-        ("statistic" = inline(Option<Vec<StatisticWord>>), Query, explode = false, description = "mean, std, median, min, max, ci95, n, with commas"),
+        ("statistic" = inline(Option<Vec<StatisticWord>>), Query, explode = false, description = "mean, std, median, min, max, ci95, n, sum, p5, p25, p75, p95, with commas; the first seven if not given"),
         ("format" = inline(Option<ResultsTableForm>), Query, description = "json, csv, md, latex, text or parquet; wins over the header Accept"),
         ("If-None-Match" = Option<String>, Header, description = "the ETag of an earlier answer"),
     ),

@@ -49,7 +49,7 @@ fn program_columns(table: &Table) -> Vec<String> {
 }
 
 fn program_statistics(table: &Table) -> &[Statistic] {
-    table.statistics.as_deref().unwrap_or(&Statistic::ALL)
+    table.statistics.as_deref().unwrap_or(&Statistic::USUAL)
 }
 
 fn program_entries(table: &Table, index: usize) -> Vec<Entry> {
@@ -82,6 +82,11 @@ fn value(statistics: &Statistics, statistic: Statistic) -> Option<f64> {
         Statistic::Max => statistics.max,
         Statistic::Ci95 => None,
         Statistic::N => Some(statistics.n as f64),
+        Statistic::Sum => statistics.sum,
+        Statistic::P5 => statistics.p5,
+        Statistic::P25 => statistics.p25,
+        Statistic::P75 => statistics.p75,
+        Statistic::P95 => statistics.p95,
     }
 }
 

@@ -52,10 +52,11 @@ impl Query {
         Some(names.iter().cloned().chain(sums).collect())
     }
 
-    /// Whether single values are needed: for medians, times and ratios of sums. Everything else comes from the cells' moments.
+    /// Whether single values are needed: for medians, percentiles, times and ratios of sums. Everything else comes from the cells' moments.
     #[must_use]
     pub fn needs_values(&self) -> bool {
-        let median = self.statistics.as_ref().is_none_or(|statistics| statistics.contains(&Statistic::Median));
+        let asked = self.statistics.as_deref().unwrap_or(&Statistic::USUAL);
+        let median = asked.iter().any(|statistic| statistic.needs_values());
         let by_value = |metric: &Metric| metric.timing || metric.of_sums.is_some();
         median || self.metrics.as_ref().is_none_or(|names| names.iter().any(|name| by_value(&metric(name))))
     }
@@ -89,11 +90,43 @@ pub enum Statistic {
     Ci95,
     /// Number of values.
     N,
+    /// Sum of the values.
+    Sum,
+    /// 5th percentile.
+    P5,
+    /// 25th percentile.
+    P25,
+    /// 75th percentile.
+    P75,
+    /// 95th percentile.
+    P95,
 }
 
 impl Statistic {
-    /// All of them, in the order of a table.
-    pub const ALL: [Self; 7] = [Self::Mean, Self::Std, Self::Median, Self::Min, Self::Max, Self::Ci95, Self::N];
+    /// Those that a table has unless it was asked for others, in its order.
+    pub const USUAL: [Self; 7] = [Self::Mean, Self::Std, Self::Median, Self::Min, Self::Max, Self::Ci95, Self::N];
+
+    /// All of them.
+    pub const ALL: [Self; 12] = [
+        Self::Mean,
+        Self::Std,
+        Self::Median,
+        Self::Min,
+        Self::Max,
+        Self::Ci95,
+        Self::N,
+        Self::Sum,
+        Self::P5,
+        Self::P25,
+        Self::P75,
+        Self::P95,
+    ];
+
+    /// Whether it takes the values themselves: the moments do not tell it.
+    #[must_use]
+    pub const fn needs_values(self) -> bool {
+        matches!(self, Self::Median | Self::P5 | Self::P25 | Self::P75 | Self::P95)
+    }
 
     /// Its key in JSON.
     #[must_use]
@@ -106,6 +139,11 @@ impl Statistic {
             Self::Max => "max",
             Self::Ci95 => "ci95",
             Self::N => "n",
+            Self::Sum => "sum",
+            Self::P5 => "p5",
+            Self::P25 => "p25",
+            Self::P75 => "p75",
+            Self::P95 => "p95",
         }
     }
 }
@@ -192,7 +230,10 @@ mod tests {
     #[test]
     fn an_unknown_word_lists_the_known_ones() {
         let error = Query::from_words(None, None, None, Some("mode")).unwrap_err().to_string();
-        assert_eq!(error, "statistic: unknown statistic `mode`: allowed are mean, std, median, min, max, ci95, n");
+        assert_eq!(
+            error,
+            "statistic: unknown statistic `mode`: allowed are mean, std, median, min, max, ci95, n, sum, p5, p25, p75, p95"
+        );
         let error = "xlsx".parse::<Format>().unwrap_err().to_string();
         assert_eq!(error, "format: unknown format `xlsx`: allowed are json, csv, md, latex, text");
     }
@@ -204,6 +245,7 @@ mod tests {
         assert!(needs(Some("success"), None));
         assert!(needs(Some("line_finding_time_ms"), Some("mean")));
         assert!(needs(Some("distance_per_intervention_m"), Some("mean")));
-        assert!(!needs(Some("success,simulated_s"), Some("mean,ci95")));
+        assert!(needs(Some("success"), Some("p95")));
+        assert!(!needs(Some("success,simulated_s"), Some("mean,ci95,sum")));
     }
 }

@@ -5,6 +5,7 @@ use furrow_schema::table::Statistics;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use super::data::Series;
+use super::query::Statistic;
 
 /// The 97.5 % quantile of the standard normal distribution.
 const Z_975: f64 = 1.959_963_984_540_054;
@@ -28,7 +29,36 @@ pub fn summarize(series: &Series, ratio: bool) -> Statistics {
         min: moments.min(),
         max: moments.max(),
         ci95: mean.and_then(interval),
+        ..Statistics::default()
     }
+}
+
+/// `statistics` with the sum and the percentiles of the series that were asked for.
+#[must_use]
+pub fn with_others(mut statistics: Statistics, series: &Series, asked: &[Statistic]) -> Statistics {
+    let values = series.values.as_deref().unwrap_or_default();
+    for statistic in asked {
+        match statistic {
+            Statistic::Sum => statistics.sum = (statistics.n > 0).then(|| series.moments.sum()),
+            Statistic::P5 => statistics.p5 = percentile(values, 0.05),
+            Statistic::P25 => statistics.p25 = percentile(values, 0.25),
+            Statistic::P75 => statistics.p75 = percentile(values, 0.75),
+            Statistic::P95 => statistics.p95 = percentile(values, 0.95),
+            _ => {}
+        }
+    }
+    statistics
+}
+
+/// The value below which the share `at` of the values lies, from 0 to 1: linear between the two that are nearest
+/// (Hyndman and Fan 1996, definition 7); none without values.
+fn percentile(values: &[f64], at: f64) -> Option<f64> {
+    let mut values = values.to_vec();
+    let place = at * values.len().checked_sub(1)? as f64;
+    let (_, lower, above) = values.select_nth_unstable_by(place as usize, f64::total_cmp);
+    let lower = *lower;
+    let upper = above.iter().copied().min_by(f64::total_cmp).unwrap_or(lower);
+    Some((lower + (upper - lower) * place.fract()).clamp(lower, upper))
 }
 
 /// The mean, within the extremes: the one rounding of sum and quotient must not lead outside.
@@ -159,6 +189,18 @@ mod tests {
         assert_eq!((s.n, s.mean, s.median, s.min, s.max), (8, Some(5.0), Some(4.5), Some(2.0), Some(9.0)));
         assert!(close(s.std.unwrap(), 2.13809));
         assert_interval(s.ci95, 3.212_5, 6.787_5);
+    }
+
+    #[test]
+    fn percentiles_are_those_of_numpy() {
+        // numpy.percentile([2, 4, 4, 4, 5, 5, 7, 9], [5, 25, 75, 95]), numpy 2.4.6.
+        let series = Series::of([2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]);
+        let s = with_others(summarize(&series, false), &series, &Statistic::ALL);
+        for (found, expected) in [(s.p5, 2.7), (s.p25, 4.0), (s.p75, 5.5), (s.p95, 8.3), (s.sum, 40.0)] {
+            assert!(close(found.unwrap(), expected), "{found:?} is not {expected}");
+        }
+        let none = with_others(Statistics::default(), &Series::default(), &Statistic::ALL);
+        assert_eq!(none, Statistics::default());
     }
 
     #[test]

@@ -13,7 +13,7 @@ use super::metric::{Metric, SUCCESS, listed, metric, order};
 use super::pairs::Pairs;
 use super::query::{Format, Query, Statistic};
 use super::render::render;
-use super::statistics::summarize;
+use super::statistics::{summarize, with_others};
 
 /// A table: cells, and what to show of them.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,7 +47,7 @@ pub fn tabulate(data: &SweepData, query: &Query) -> Result<Table, TableError> {
     let of_success = |group: &CellData| group.metrics.get(SUCCESS).map(|series| summarize(series, true));
     Ok(Table {
         success: groups.iter().map(of_success).collect(),
-        cells: groups.into_iter().map(|group| cell(group, &metrics)).collect(),
+        cells: groups.into_iter().map(|group| cell(group, &metrics, query.statistics.as_deref())).collect(),
         columns: query.columns.clone(),
         statistics: query.statistics.clone(),
         factors,
@@ -142,7 +142,7 @@ fn add(group: &mut CellData, cell: &CellData, metrics: &[String]) {
     }
 }
 
-fn cell(group: CellData, metrics: &[Metric]) -> Cell {
+fn cell(group: CellData, metrics: &[Metric], asked: Option<&[Statistic]>) -> Cell {
     let empty = Series::default();
     let of = |metric: &Metric| {
         if metric.of_sums.is_some() {
@@ -150,7 +150,8 @@ fn cell(group: CellData, metrics: &[Metric]) -> Cell {
             return (metric.name.to_string(), pairs.unwrap_or_default());
         }
         let series = group.metrics.get(metric.name.as_ref()).unwrap_or(&empty);
-        (metric.name.to_string(), summarize(series, metric.ratio))
+        let statistics = with_others(summarize(series, metric.ratio), series, asked.unwrap_or_default());
+        (metric.name.to_string(), statistics)
     };
     let metrics = metrics.iter().map(of).collect();
     Cell { n: group.done, missing: group.total.saturating_sub(group.done), factors: group.factors, metrics }
