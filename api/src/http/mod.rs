@@ -174,7 +174,8 @@ fn resources() -> OpenApiRouter<App> {
 
 /// The whole service.
 pub fn router(app: App) -> Router {
-    let (router, document) = resources().split_for_parts();
+    let (router, mut document) = resources().split_for_parts();
+    parameters::leave_headers_out(&mut document);
     let document = Arc::new(document);
     let openapi = move || {
         let document = Arc::clone(&document);

@@ -4,8 +4,9 @@
 //! sweep does not have, such as a factor of that name, is refused with 422, everything else with 400.
 
 use furrow_schema::job::JobState;
+use utoipa::openapi::path::ParameterIn;
 use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
-use utoipa::openapi::{KnownFormat, RefOr, SchemaFormat};
+use utoipa::openapi::{KnownFormat, OpenApi, RefOr, Required, SchemaFormat};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::negotiate::Form;
@@ -56,6 +57,18 @@ described! {
     SubmissionKey: text().pattern(Some("^[!-~]([ -~]*[!-~])?$")).min_length(Some(1)).max_length(Some(200));
     /// A file that is no text.
     Binary: text().format(Some(SchemaFormat::KnownFormat(KnownFormat::Binary)));
+}
+
+/// Says that a header may be left out. An `Option` would also say that it may be null, which no header can be.
+pub(super) fn leave_headers_out(document: &mut OpenApi) {
+    let operations = document.paths.paths.values_mut().flat_map(|path| [&mut path.get, &mut path.post]).flatten();
+    for parameter in operations.flat_map(|operation| operation.parameters.iter_mut().flatten()) {
+        if let RefOr::T(parameter) = parameter
+            && parameter.parameter_in == ParameterIn::Header
+        {
+            parameter.required = Required::False;
+        }
+    }
 }
 
 fn text() -> ObjectBuilder {

@@ -42,7 +42,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
     params(
         ("sweep" = SweepId, Path, description = "its number"),
         ("format" = inline(Option<RunsForm>), Query, description = "json, csv or parquet; wins over the header Accept"),
-        ("If-None-Match" = Option<String>, Header, description = "the ETag of an earlier answer"),
+        ("If-None-Match" = String, Header, description = "the ETag of an earlier answer"),
     ),
     responses(
         (status = 200, content((String = "application/x-ndjson"), (String = "text/csv"),

@@ -106,7 +106,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 
 /// Submits a sweep, all of it or nothing. Jobs whose result is known are not run again.
 #[utoipa::path(post, path = "/v1/sweeps", tag = "sweeps", request_body = SweepRequest,
-    params(("Idempotency-Key" = inline(Option<SubmissionKey>), Header, description = "the same key with the same body gives the same sweep")),
+    params(("Idempotency-Key" = inline(SubmissionKey), Header, description = "the same key with the same body gives the same sweep")),
     responses(
         (status = 201, body = SweepCreated, headers(("Location" = String, description = "the sweep"))),
         (status = "default", body = Problem, content_type = "application/problem+json")))]

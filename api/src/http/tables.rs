@@ -82,7 +82,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         ("columns" = Option<String>, Query, description = "a factor whose labels become columns (not in JSON)"),
         ("statistic" = inline(Option<Vec<StatisticWord>>), Query, explode = false, description = "mean, std, median, min, max, ci95, n, sum, p5, p25, p75, p95, with commas; the first seven if not given"),
         ("format" = inline(Option<ResultsTableForm>), Query, description = "json, csv, md, latex, text or parquet; wins over the header Accept"),
-        ("If-None-Match" = Option<String>, Header, description = "the ETag of an earlier answer"),
+        ("If-None-Match" = String, Header, description = "the ETag of an earlier answer"),
     ),
     responses(
         (status = 200, content((TableOfSweep = "application/json"), (String = "text/csv"), (String = "text/markdown"),

@@ -62,10 +62,14 @@ impl Query {
     }
 }
 
-/// A list separated by commas; what stands in it twice counts once.
+/// A list separated by commas; what stands in it twice counts once. An empty text is an empty list, and an empty word
+/// between commas is one, of which nothing goes by the name.
 pub(crate) fn list(words: &str) -> Vec<String> {
     let mut listed: Vec<String> = Vec::new();
-    for word in words.split(',').map(str::trim).filter(|word| !word.is_empty()) {
+    if words.trim().is_empty() {
+        return listed;
+    }
+    for word in words.split(',').map(str::trim) {
         if !listed.iter().any(|other| other == word) {
             listed.push(word.to_owned());
         }
@@ -225,6 +229,13 @@ mod tests {
         let twice = Query::from_words(None, Some("success,success"), None, Some("n,median,n")).unwrap();
         assert_eq!((twice.metrics.unwrap().len(), twice.statistics.unwrap().len()), (1, 2));
         assert_eq!(Query::from_words(Some(""), None, None, None).unwrap().group_by, Some(vec![]));
+    }
+
+    #[test]
+    fn an_empty_word_is_no_word() {
+        let query = Query::from_words(Some("a,,b"), Some(" "), None, None).unwrap();
+        assert_eq!((query.group_by, query.metrics), (Some(vec!["a".into(), String::new(), "b".into()]), None));
+        assert!(Query::from_words(None, None, None, Some("mean,")).is_err());
     }
 
     #[test]
