@@ -19,6 +19,7 @@ pub(super) fn check_but_for_success(spec: &LineFinderSpec) {
     the_same_seed_gives_the_same_lines(spec);
     a_mirrored_scan_gives_mirrored_lines_in_distribution(spec);
     any_scan_gives_finite_lines(spec);
+    a_warm_finder_allocates_nothing(spec);
 }
 
 /// Panics if the largest and smallest parameters break a finder of this kind.
@@ -110,6 +111,23 @@ fn a_mirrored_scan_gives_mirrored_lines_in_distribution(spec: &LineFinderSpec) {
     };
     let (plain, mirrored) = (mean(false), mean(true));
     assert!((plain.0 + mirrored.0).abs() < 0.05 && (plain.1 + mirrored.1).abs() < 0.05, "{plain:?} {mirrored:?}");
+}
+
+/// After as many scans of a kind as its vectors take to grow, of which a later one may be the largest yet.
+fn a_warm_finder_allocates_nothing(spec: &LineFinderSpec) {
+    let beams = beams(360);
+    let mut finder = spec.build();
+    let mut random = Stream::new(1, "line-finder");
+    let scans: Vec<_> = (0..50).map(|seed| two_rows(0.6, 0.4, seed)).collect();
+    let mut find_all = || {
+        for ranges_m in &scans {
+            finder.find(&Scan { beams: &beams, ranges_m }, &mut random);
+        }
+    };
+    (0..20).for_each(|_| find_all());
+    let counted = allocation_counter::measure(find_all);
+    assert_eq!(counted.count_total, 0, "{spec:?}: {counted:?}");
+    assert!(allocation_counter::measure(|| drop(scans.clone())).count_total > 50, "what is allocated is counted");
 }
 
 fn any_scan_gives_finite_lines(spec: &LineFinderSpec) {

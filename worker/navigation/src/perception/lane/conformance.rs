@@ -18,6 +18,7 @@ pub(super) fn check(spec: &LaneFinderSpec, prior_error_rad: Option<f64>) {
     the_place_in_a_lane_is_found(spec, prior_error_rad);
     a_side_without_a_row_is_invalid(spec);
     any_points_give_finite_views(spec);
+    a_warm_finder_allocates_nothing(spec);
 }
 
 fn find(spec: &LaneFinderSpec, points: &Points, prior: LaneEstimate) -> LaneView {
@@ -85,6 +86,20 @@ fn a_side_without_a_row_is_invalid(spec: &LaneFinderSpec) {
         let (seen, distance_m) = if rows[0] { (view.left, 0.325) } else { (view.right, 0.425) };
         assert!((seen.distance_m - distance_m).abs() < 0.03 && (view.heading_rad - 0.04).abs() < 0.03, "{view:?}");
     }
+}
+
+fn a_warm_finder_allocates_nothing(spec: &LaneFinderSpec) {
+    let mut finder = spec.build(WIDTH_M);
+    let mut random = Stream::new(1, "line-finder");
+    let scans: Vec<_> = (0..50).map(|_| Scene::new(place(0.1, 0.05), 2.0).scan(&mut random)).collect();
+    let mut find_all = || {
+        for points in &scans {
+            finder.find(points, MIDDLE, 0.025, &mut random);
+        }
+    };
+    (0..3).for_each(|_| find_all());
+    let counted = allocation_counter::measure(find_all);
+    assert_eq!(counted.count_total, 0, "{spec:?}: {counted:?}");
 }
 
 fn any_points_give_finite_views(spec: &LaneFinderSpec) {
