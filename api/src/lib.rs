@@ -14,6 +14,7 @@ pub mod in_process;
 pub mod paired;
 pub mod plan;
 pub mod publication;
+pub mod recording;
 pub mod table;
 
 use furrow_schema::id::EngineId;

@@ -7,10 +7,9 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use furrow_coordinator::view::JobDetail;
 use furrow_schema::id::{JobId, JobKey};
+use furrow_sim::Pose;
 use furrow_sim::field::lane::FoliageKind;
 use furrow_sim::field::{Field, PlantKind};
-use furrow_sim::robot::RobotSpec;
-use furrow_sim::{Pose, Scenario};
 use furrow_worker::replay::ThinnedScan;
 use serde::Serialize;
 use utoipa_axum::router::OpenApiRouter;
@@ -20,6 +19,7 @@ use super::App;
 use super::extract::Params;
 use super::problem::Problem;
 use super::replays::Replay;
+use crate::recording::body_m;
 
 /// Of the recorded poses, which are 0.05 s apart, every second one.
 const EVERY: usize = 2;
@@ -126,13 +126,6 @@ fn write(job: &JobDetail, replay: &Arc<Replay>) -> Result<String, Problem> {
         field: ReplayField::new(&field, &replay.result.damaged),
     };
     serde_json::to_string(&body).map_err(|error| Problem::internal(&error))
-}
-
-fn body_m(scenario: &Scenario) -> [f64; 2] {
-    match &scenario.robot {
-        RobotSpec::TwoWheeled(robot) => [robot.body_length_m, robot.body_width_m],
-        RobotSpec::SkidSteer(robot) => [robot.body_length_m, robot.body_width_m],
-    }
 }
 
 fn interventions(replay: &Replay) -> Vec<ReplayIntervention> {
