@@ -14,6 +14,7 @@ mod lan;
 mod output;
 mod plans;
 mod progress;
+mod replay;
 mod run;
 mod scans;
 mod selection;
@@ -25,6 +26,7 @@ mod table;
 mod time;
 mod token;
 mod watch;
+mod whole_file;
 mod work;
 mod workers;
 
@@ -68,6 +70,7 @@ enum Command {
     Compare(compare::CompareArgs),
     Export(export::ExportArgs),
     Job(job::JobArgs),
+    Replay(replay::ReplayArgs),
     Bench(bench::BenchArgs),
     Backup(backup::BackupArgs),
     Token(token::TokenArgs),
@@ -101,6 +104,7 @@ impl Command {
             Self::Compare(args) => compare::run(args).await,
             Self::Export(args) => export::run(args).await,
             Self::Job(args) => job::run(args).await,
+            Self::Replay(args) => replay::run(args).await,
             Self::Bench(args) => bench::run(args).await,
             Self::Backup(args) => backup::run(args).await,
             Self::Token(args) => token::run(args).await,
@@ -196,6 +200,7 @@ mod tests {
             "furrow retry 3",
             "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
             "furrow job 12 --svg out.svg --json",
+            "furrow replay 12 --mcap out.mcap --db x.db",
             "furrow bench queue --jobs 1000 --cells 24 --workers 2 --threads 1 --job-ms 50 --dir /var/tmp --json",
             "furrow bench queue --one-by-one 8",
             "furrow bench sessions --sessions 1000 --processes 4 --seconds 600",
@@ -224,6 +229,7 @@ mod tests {
             "furrow serve",
             "furrow grow",
             "furrow table",
+            "furrow replay 12",
             "furrow scans x",
             "furrow scans x --perception pl --prior-noise 5 --sequence 1",
             "furrow scans x --perception pl --prior-noise -1",

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use axum::extract::{Path, State};
-use axum::http::header::CONTENT_TYPE;
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
+use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Response};
 use furrow_coordinator::view::JobDetail;
 use furrow_schema::id::{JobId, JobKey};
@@ -17,7 +18,9 @@ use utoipa_axum::routes;
 
 use super::App;
 use super::extract::Params;
+use super::negotiate::{Form, choose};
 use super::problem::Problem;
+use super::recordings::MCAP;
 use super::replays::Replay;
 use crate::recording::body_m;
 
@@ -92,23 +95,56 @@ pub struct ReplayIntervention {
     pub at_m: [f64; 2],
 }
 
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    Json,
+    Mcap,
+}
+
+const FORMS: [Form<Kind>; 2] = [
+    Form { word: "json", media_type: "application/json", form: Kind::Json },
+    Form { word: "mcap", media_type: MCAP, form: Kind::Mcap },
+];
+
 pub(super) fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(get_replay))
 }
 
 /// A finished run for an animation: field, poses ten times a simulated second, scans and what was found in them.
 ///
-/// The run is repeated from its seed, at a few hundred times its own speed, and must give the digest on record.
+/// The run is repeated from its seed, at a few hundred times its own speed, and must give the digest on record. MCAP is for
+/// Foxglove, Rerun and other programs that read logs of robots: with all scans as they were taken, tens of megabytes.
 #[utoipa::path(get, path = "/v1/jobs/{job}/replay", tag = "jobs",
-    params(("job" = String, Path, description = "number, key, or the first digits of a key: at least 8")),
-    responses((status = 200, body = JobReplay), (status = "default", body = Problem, content_type = "application/problem+json")))]
-async fn get_replay(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Response, Problem> {
+    params(
+        ("job" = String, Path, description = "number, key, or the first digits of a key: at least 8"),
+        ("format" = Option<String>, Query, description = "json or mcap; wins over the header Accept"),
+    ),
+    responses(
+        (status = 200, content((JobReplay = "application/json"), (Vec<u8> = "application/vnd.mcap"))),
+        (status = "default", body = Problem, content_type = "application/problem+json")))]
+async fn get_replay(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    headers: HeaderMap,
+    mut params: Params,
+) -> Result<Response, Problem> {
+    let form = choose(&FORMS, params.text("format")?.as_deref(), &headers)?;
     params.finish()?;
     let job = app.job(&name).await?;
     let replay = app.replay(&job).await?;
-    let writing = tokio::task::spawn_blocking(move || write(&job, &replay)).await;
-    let text = writing.map_err(|error| Problem::internal(&error))??;
-    Ok(([(CONTENT_TYPE, "application/json")], text).into_response())
+    match form.form {
+        Kind::Json => {
+            let writing = tokio::task::spawn_blocking(move || write(&job, &replay)).await;
+            let text = writing.map_err(|error| Problem::internal(&error))??;
+            Ok(([(CONTENT_TYPE, form.content_type())], text).into_response())
+        }
+        Kind::Mcap => {
+            let file = format!("attachment; filename=\"run-{}.mcap\"", job.id);
+            let file = HeaderValue::from_str(&file).expect("a number and a word are plain ASCII");
+            let body = app.recordings().stream(job, replay).await?;
+            Ok(([(CONTENT_TYPE, form.content_type()), (CONTENT_DISPOSITION, file)], body).into_response())
+        }
+    }
 }
 
 fn write(job: &JobDetail, replay: &Arc<Replay>) -> Result<String, Problem> {
