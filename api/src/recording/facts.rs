@@ -93,7 +93,8 @@ pub(super) fn metadata(run: &Run<'_>) -> BTreeMap<String, String> {
         ("outcome", run.result.outcome.name().to_owned()),
         ("digest", furrow_schema::id::Digest(run.result.digest).to_string()),
         ("time", "simulated, from 0 at the start of the run".to_owned()),
-        ("ranges", "rounded to 32-bit floating point numbers; infinity is no return".to_owned()),
+        ("ranges", "32-bit floating point numbers; infinity is no return".to_owned()),
+        ("points", "what lines were looked for in, rounded to 1/4096 m".to_owned()),
     ];
     pairs.map(|(key, value)| (key.to_owned(), value)).into()
 }

@@ -14,6 +14,8 @@ pub(super) const WORLD: &str = "world";
 pub(super) const BASE: &str = "base_link";
 
 const NS_PER_S: u64 = 1_000_000_000;
+/// Units of a point's coordinate in a metre, 0.24 mm each: short binary fractions take half the room when compressed.
+const UNITS_PER_M: f64 = 4_096.0;
 /// Bytes of a coordinate in a point cloud.
 const COORDINATE: u32 = 4;
 
@@ -61,7 +63,7 @@ pub(super) fn transform(
     }
 }
 
-/// All beams; infinity is no return.
+/// All beams, as 32-bit numbers; infinity is no return.
 pub(super) fn laser_scan(time_ns: u64, frame: &str, scan: &Scan<'_>) -> LaserScan {
     let beams = scan.beams;
     LaserScan {
@@ -75,14 +77,15 @@ pub(super) fn laser_scan(time_ns: u64, frame: &str, scan: &Scan<'_>) -> LaserSca
     }
 }
 
-/// Points in the plane of `frame`.
+/// Points in the plane of `frame`, rounded.
 pub(super) fn point_cloud(time_ns: u64, frame: &str, points: &Points) -> PointCloud {
     let field = |(name, i): (&str, u32)| PackedElementField {
         name: name.to_owned(),
         offset: i * COORDINATE,
         r#type: NumericType::Float32.into(),
     };
-    let coordinates = points.iter().flat_map(|(x, y)| [x as f32, y as f32, 0.0]);
+    let rounded = |metres: f64| ((metres * UNITS_PER_M).round() / UNITS_PER_M) as f32;
+    let coordinates = points.iter().flat_map(|(x, y)| [rounded(x), rounded(y), 0.0]);
     PointCloud {
         timestamp: Some(timestamp(time_ns)),
         frame_id: frame.to_owned(),
