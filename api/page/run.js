@@ -110,7 +110,14 @@ export async function showRun(main, { id, signal }) {
   );
   if (!replay) return;
   try {
-    put(replay, h("h2", {}, "Replay"), replayer(await getJson(`/v1/jobs/${id}/replay`, signal), signal));
+    const seen = await getJson(`/v1/jobs/${id}/replay`, signal);
+    const all = h(
+      "div",
+      { class: "links" },
+      h("span", { class: "muted" }, "All scans as"),
+      download("MCAP", `/v1/jobs/${id}/replay?format=mcap`, `run-${id}.mcap`),
+    );
+    put(replay, h("h2", {}, "Replay"), replayer(seen, signal), all);
   } catch (error) {
     if (!signal.aborted) put(replay, h("h2", {}, "Replay"), trouble(error));
   }

@@ -15,6 +15,7 @@ pub mod in_process;
 pub mod paired;
 pub mod plan;
 pub mod publication;
+pub mod recording;
 pub mod report;
 pub mod sequential;
 pub mod table;

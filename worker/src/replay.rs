@@ -1,8 +1,8 @@
 //! Runs a finished job again to see its path, when its trajectory was not stored.
 
-use std::panic::catch_unwind;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use furrow_sim::{Pose, RunResult, Seed, simulate};
+use furrow_sim::{Pose, Probe, RunResult, Scenario, Seed, simulate};
 
 use crate::pool::panic_message;
 use crate::runner::{ReadError, read_scenario};
@@ -40,12 +40,18 @@ pub struct Rerun {
 /// See [`ReplayError`].
 pub fn rerun(scenario_json: &str, seed: u64) -> Result<Rerun, ReplayError> {
     let scenario = read_scenario(scenario_json).map_err(|error: ReadError| ReplayError::Scenario(error.to_string()))?;
-    catch_unwind(|| {
-        let mut recorder = ScanRecorder::default();
-        let result = simulate(&scenario, Seed(seed), &mut recorder);
-        Rerun { result, path: recorder.path.path, scans: recorder.scans }
-    })
-    .map_err(|panic| ReplayError::Panicked(panic_message(panic.as_ref())))
+    let mut recorder = ScanRecorder::default();
+    let result = watch(&scenario, seed, &mut recorder)?;
+    Ok(Rerun { result, path: recorder.path.path, scans: recorder.scans })
+}
+
+/// Runs `scenario` with `seed` before `probe`, which is of no use after a panic.
+///
+/// # Errors
+/// [`ReplayError::Panicked`].
+pub fn watch(scenario: &Scenario, seed: u64, probe: &mut impl Probe) -> Result<RunResult, ReplayError> {
+    catch_unwind(AssertUnwindSafe(|| simulate(scenario, Seed(seed), probe)))
+        .map_err(|panic| ReplayError::Panicked(panic_message(panic.as_ref())))
 }
 
 #[cfg(test)]

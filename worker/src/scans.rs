@@ -87,9 +87,9 @@ fn thinned(scan: &Scan<'_>) -> Vec<[i16; 2]> {
 
 fn lines(found: Detection<'_>) -> Vec<[i16; 4]> {
     match found {
-        Detection::Lines(lines) => {
+        Detection::Lines(found) => {
             let segment = |slope: f64, intercept_m: f64| [0.0, intercept_m, AHEAD_M, slope * AHEAD_M + intercept_m];
-            lines.iter().take(LINES).map(|line| segment(line.slope, line.intercept_m).map(centimetres)).collect()
+            found.lines.iter().take(LINES).map(|line| segment(line.slope, line.intercept_m).map(centimetres)).collect()
         }
         Detection::Lane(view) => {
             let (sin, cos) = (-view.heading_rad).sin_cos();

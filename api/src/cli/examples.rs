@@ -96,6 +96,7 @@ pub(super) const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
     ("export", &[("export 3 --format parquet --output runs.parquet", "a row per run, with all metrics")]),
     ("report", &[("report 3 --output report.html", "tables, figures and failures in one file")]),
     ("job", &[("job 12", "one run in numbers"), ("job 12 --svg run.svg", "and as a drawing")]),
+    ("replay", &[("replay 12 --mcap run.mcap", "for Foxglove, Rerun and other readers of robots' logs")]),
     ("bench", &[("bench queue --jobs 100000", "jobs a second with runs that do nothing")]),
     ("backup", &[("backup --db results.db --to results-monday.db", "while the server runs, or not")]),
     ("token", &[("token create --name laptop --scope read,submit --db results.db", "for HTTP beyond this machine")]),

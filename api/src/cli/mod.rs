@@ -17,6 +17,7 @@ mod output;
 mod parameters;
 mod plans;
 mod progress;
+mod replay;
 mod report;
 mod run;
 mod scans;
@@ -30,6 +31,7 @@ mod time;
 mod token;
 mod until;
 mod watch;
+mod whole_file;
 mod work;
 mod workers;
 
@@ -75,6 +77,7 @@ enum Command {
     Export(export::ExportArgs),
     Report(report::ReportArgs),
     Job(job::JobArgs),
+    Replay(replay::ReplayArgs),
     Bench(bench::BenchArgs),
     Backup(backup::BackupArgs),
     Token(token::TokenArgs),
@@ -111,6 +114,7 @@ impl Command {
             Self::Export(args) => export::run(args).await,
             Self::Report(args) => report::run(args).await,
             Self::Job(args) => job::run(args).await,
+            Self::Replay(args) => replay::run(args).await,
             Self::Bench(args) => bench::run(args).await,
             Self::Backup(args) => backup::run(args).await,
             Self::Token(args) => token::run(args).await,
@@ -230,6 +234,7 @@ mod tests {
             "furrow retry 3",
             "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
             "furrow job 12 --svg out.svg --json",
+            "furrow replay 12 --mcap out.mcap --db x.db",
             "furrow report 3 --output report.html --url http://127.0.0.1:1",
             "furrow report 3 --format md --db x.db",
             "furrow run p --until success<=0.2 --max-seeds 50",
@@ -266,6 +271,7 @@ mod tests {
             "furrow serve",
             "furrow grow",
             "furrow table",
+            "furrow replay 12",
             "furrow scans x",
             "furrow scans x --perception pl --prior-noise 5 --sequence 1",
             "furrow scans x --perception pl --prior-noise -1",

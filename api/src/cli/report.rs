@@ -7,7 +7,7 @@ use furrow_schema::id::SweepId;
 
 use super::client::{Client, Source};
 use super::error::CliError;
-use super::export::download;
+use super::whole_file;
 
 /// Write one document about a sweep: tables, figures, failures, engine, seeds, and how to reproduce it
 #[derive(Debug, clap::Args)]
@@ -38,7 +38,11 @@ pub(super) async fn run(args: ReportArgs) -> Result<(), CliError> {
     let client = Client::open(&args.source).await?;
     let path = ["v1", "sweeps", &args.sweep.to_string(), "report"];
     let format = if args.form() == Form::Md { "md" } else { "html" };
-    let ended = download(&client, &path, &[("format", format)], args.output.as_deref()).await;
+    let query = [("format", format)];
+    let ended = match &args.output {
+        Some(file) => whole_file::download(&client, &path, &query, file).await,
+        None => client.download(&path, &query, &mut std::io::stdout()).await,
+    };
     client.close().await;
     ended
 }

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use axum::extract::{Path, State};
-use axum::http::header::CONTENT_TYPE;
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
+use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Response};
 use furrow_coordinator::view::JobDetail;
 use furrow_schema::id::{JobId, JobKey};
+use furrow_sim::Pose;
 use furrow_sim::field::lane::FoliageKind;
 use furrow_sim::field::{Field, PlantKind};
-use furrow_sim::robot::RobotSpec;
-use furrow_sim::{Pose, Scenario};
 use furrow_worker::replay::ThinnedScan;
 use serde::Serialize;
 use utoipa_axum::router::OpenApiRouter;
@@ -18,9 +18,12 @@ use utoipa_axum::routes;
 
 use super::App;
 use super::extract::Params;
-use super::parameters::JobName;
+use super::negotiate::{Form, choose};
+use super::parameters::{Binary, JobName, ReplayForm};
 use super::problem::Problem;
+use super::recordings::MCAP;
 use super::replays::Replay;
+use crate::recording::body_m;
 
 /// Of the recorded poses, which are 0.05 s apart, every second one.
 const EVERY: usize = 2;
@@ -93,23 +96,56 @@ pub struct ReplayIntervention {
     pub at_m: [f64; 2],
 }
 
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Kind {
+    Json,
+    Mcap,
+}
+
+pub(super) const FORMS: [Form<Kind>; 2] = [
+    Form { word: "json", media_type: "application/json", form: Kind::Json },
+    Form { word: "mcap", media_type: MCAP, form: Kind::Mcap },
+];
+
 pub(super) fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(get_replay))
 }
 
 /// A finished run for an animation: field, poses ten times a simulated second, scans and what was found in them.
 ///
-/// The run is repeated from its seed, at a few hundred times its own speed, and must give the digest on record.
+/// The run is repeated from its seed, at a few hundred times its own speed, and must give the digest on record. MCAP is for
+/// Foxglove, Rerun and other programs that read logs of robots: with all scans as they were taken, tens of megabytes.
 #[utoipa::path(get, path = "/v1/jobs/{job}/replay", tag = "jobs",
-    params(("job" = inline(JobName), Path, description = "number, key, or the first digits of a key: at least 8")),
-    responses((status = 200, body = JobReplay), (status = "default", body = Problem, content_type = "application/problem+json")))]
-async fn get_replay(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Response, Problem> {
+    params(
+        ("job" = inline(JobName), Path, description = "number, key, or the first digits of a key: at least 8"),
+        ("format" = inline(Option<ReplayForm>), Query, description = "json or mcap; wins over the header Accept"),
+    ),
+    responses(
+        (status = 200, content((JobReplay = "application/json"), (inline(Binary) = "application/vnd.mcap"))),
+        (status = "default", body = Problem, content_type = "application/problem+json")))]
+async fn get_replay(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    headers: HeaderMap,
+    mut params: Params,
+) -> Result<Response, Problem> {
+    let form = choose(&FORMS, params.text("format")?.as_deref(), &headers)?;
     params.finish()?;
     let job = app.job(&name).await?;
     let replay = app.replay(&job).await?;
-    let writing = tokio::task::spawn_blocking(move || write(&job, &replay)).await;
-    let text = writing.map_err(|error| Problem::internal(&error))??;
-    Ok(([(CONTENT_TYPE, "application/json")], text).into_response())
+    match form.form {
+        Kind::Json => {
+            let writing = tokio::task::spawn_blocking(move || write(&job, &replay)).await;
+            let text = writing.map_err(|error| Problem::internal(&error))??;
+            Ok(([(CONTENT_TYPE, form.content_type())], text).into_response())
+        }
+        Kind::Mcap => {
+            let file = format!("attachment; filename=\"run-{}.mcap\"", job.id);
+            let file = HeaderValue::from_str(&file).expect("a number and a word are plain ASCII");
+            let body = app.recordings().stream(job, replay).await?;
+            Ok(([(CONTENT_TYPE, form.content_type()), (CONTENT_DISPOSITION, file)], body).into_response())
+        }
+    }
 }
 
 fn write(job: &JobDetail, replay: &Arc<Replay>) -> Result<String, Problem> {
@@ -127,13 +163,6 @@ fn write(job: &JobDetail, replay: &Arc<Replay>) -> Result<String, Problem> {
         field: ReplayField::new(&field, &replay.result.damaged),
     };
     serde_json::to_string(&body).map_err(|error| Problem::internal(&error))
-}
-
-fn body_m(scenario: &Scenario) -> [f64; 2] {
-    match &scenario.robot {
-        RobotSpec::TwoWheeled(robot) => [robot.body_length_m, robot.body_width_m],
-        RobotSpec::SkidSteer(robot) => [robot.body_length_m, robot.body_width_m],
-    }
 }
 
 fn interventions(replay: &Replay) -> Vec<ReplayIntervention> {

@@ -27,6 +27,7 @@ mod parameters;
 pub mod plans;
 pub mod problem;
 pub mod publications;
+mod recordings;
 mod refusals;
 mod replays;
 pub mod reports;
@@ -57,6 +58,7 @@ pub use access::Access;
 pub use layers::{BODY_LIMIT, TIMEOUT};
 use limiter::Limiter;
 pub use listen::serve;
+use recordings::Recordings;
 use replays::Replays;
 
 /// What the handlers share.
@@ -67,6 +69,7 @@ struct Shared {
     coordinator: Coordinator,
     gate: Option<Gate>,
     replays: Replays,
+    recordings: Recordings,
     seats: events::Seats,
     access: Access,
     limiter: Limiter,
@@ -85,8 +88,9 @@ impl App {
     #[must_use]
     pub fn with_access(coordinator: Coordinator, access: Access) -> Self {
         let (replays, limiter) = (Replays::default(), Limiter::default());
-        let (requests, beat, seats) = Default::default();
-        Self(Arc::new(Shared { coordinator, gate: None, replays, seats, access, limiter, requests, beat }))
+        let (requests, beat, seats, recordings) = Default::default();
+        let gate = None;
+        Self(Arc::new(Shared { coordinator, gate, replays, recordings, seats, access, limiter, requests, beat }))
     }
 
     /// The same with who lets workers in, where a local network is served.
@@ -107,6 +111,10 @@ impl App {
 
     fn replays(&self) -> &Replays {
         &self.0.replays
+    }
+
+    fn recordings(&self) -> &Recordings {
+        &self.0.recordings
     }
 
     fn seats(&self) -> &events::Seats {

@@ -10,7 +10,7 @@ use utoipa::openapi::{KnownFormat, OpenApi, RefOr, Required, SchemaFormat};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::negotiate::Form;
-use super::{reports, results, tables, trajectories};
+use super::{job_replay, reports, results, tables, trajectories};
 use crate::table::Statistic;
 
 macro_rules! described {
@@ -37,6 +37,8 @@ described! {
     RunsForm: words(words_of(&results::FORMS));
     /// The forms of a report.
     ReportForm: words(words_of(&reports::FORMS));
+    /// The forms of a replay.
+    ReplayForm: words(words_of(&job_replay::FORMS));
     /// The forms of a path.
     PathForm: words(words_of(&trajectories::FORMS));
     /// A statistic.

@@ -81,6 +81,38 @@ async fn levels_are_compared_and_runs_exported_by_command_as_over_http() {
 }
 
 #[tokio::test]
+async fn a_run_is_replayed_into_a_file_that_is_whole_or_not_there() {
+    let directory = directory();
+    let database = path(&directory, "served.db");
+    let server = Server::start(&database, 2).await;
+    let sweep = server.submit(&json!({"plan": plan(2.0, 1)})).await;
+    server.done(sweep).await;
+    let job = server.jobs(sweep).await[0]["id"].to_string();
+    let (asked, read) = (path(&directory, "asked.mcap"), path(&directory, "read.mcap"));
+    for source in [["--url", &server.url, "--mcap", &asked], ["--db", &database, "--mcap", &read]] {
+        let replayed = process::finished(&[&["replay", job.as_str()][..], &source].concat()).await;
+        assert_eq!((replayed.code, replayed.stdout.as_str()), (Some(0), ""), "{replayed:?}");
+    }
+    let bytes = std::fs::read(&asked).unwrap();
+    const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+    assert!(bytes.len() > 10_000 && bytes.starts_with(MAGIC) && bytes.ends_with(MAGIC), "{} bytes", bytes.len());
+    assert!(bytes == std::fs::read(&read).unwrap(), "the same run gives the same bytes");
+
+    let replay = |job: &str, file: &str| ["replay", job, "--url", &server.url, "--mcap", file].map(str::to_owned);
+    let nowhere = replay("999", &path(&directory, "nowhere.mcap"));
+    refused(&nowhere.each_ref().map(String::as_str), &["999"]).await;
+    let lost = replay(&job, &path(&directory, "no/such/folder.mcap"));
+    let lost = process::finished(&lost.each_ref().map(String::as_str)).await;
+    assert!(lost.code == Some(1) && lost.stderr.contains("folder.mcap"), "{lost:?}");
+    let left = std::fs::read_dir(directory.path()).unwrap().map(|entry| entry.unwrap().file_name());
+    let mut left: Vec<_> =
+        left.filter_map(|name| name.into_string().ok()).filter(|name| !name.contains(".db")).collect();
+    left.sort();
+    assert_eq!(left, ["asked.mcap", "read.mcap"]);
+    refused(&["replay", &job, "--url", &server.url], &["--mcap"]).await;
+}
+
+#[tokio::test]
 async fn plans_are_listed_and_the_interface_describes_itself() {
     let directory = directory();
     let server = Server::start(&path(&directory, "served.db"), 0).await;

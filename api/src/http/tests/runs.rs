@@ -77,6 +77,25 @@ async fn a_replay_shows_what_the_lidars_saw_among_rows_and_in_a_lane() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_replay_as_mcap_names_its_run_and_another_form_is_refused() {
+    let (farm, service) = finished(&short_run(false)).await;
+    let job = service.get("/v1/jobs/1").await.json();
+    let file = service.get("/v1/jobs/1/replay?format=mcap").await;
+    assert_eq!((file.status, file.header("content-type")), (200, "application/vnd.mcap"));
+    assert_eq!(file.header("content-disposition"), "attachment; filename=\"run-1.mcap\"");
+    assert_eq!(service.get_as("/v1/jobs/1/replay", "application/vnd.mcap").await.bytes, file.bytes);
+    let summary = mcap::Summary::read(&file.bytes).unwrap().unwrap();
+    let about = mcap::read::metadata(&file.bytes, &summary.metadata_indexes[0]).unwrap().metadata;
+    for key in ["key", "digest", "outcome"] {
+        assert_eq!(about[key], job[key].as_str().unwrap(), "{key}");
+    }
+    assert_eq!(serde_json::from_str::<Value>(&about["scenario"]).unwrap(), job["scenario"]);
+    let refused = service.get("/v1/jobs/1/replay?format=bag").await;
+    assert_eq!((refused.status, refused.json()["key"].clone()), (400, json!("format")));
+    farm.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_recorded_path_is_the_repeated_one_but_for_rounding() {
     let (farm, recorded) = finished(&short_run(true)).await;
     let (other, repeated) = finished(&short_run(false)).await;
@@ -104,4 +123,6 @@ async fn a_result_that_cannot_be_repeated_is_no_path() {
     let answer = service.get("/v1/jobs/1/trajectory.svg").await;
     assert_eq!((answer.status, answer.header("content-type")), (409, MEDIA_TYPE));
     assert!(answer.body.contains("another digest"), "{}", answer.body);
+    let answer = service.get("/v1/jobs/1/replay?format=mcap").await;
+    assert_eq!((answer.status, answer.header("content-type")), (409, MEDIA_TYPE));
 }

@@ -7,7 +7,7 @@ mod rows;
 
 use std::collections::BTreeMap;
 
-use furrow_navigation::perception::{LaneView, Line, Scan};
+use furrow_navigation::perception::{Found, LaneView, Scan};
 
 use crate::mission::MissionSpec;
 use crate::observer::Intervention;
@@ -101,9 +101,9 @@ impl Probe for () {}
 /// What perception found in a scan, in the LiDAR's frame.
 #[derive(Debug, Clone, Copy)]
 pub enum Detection<'a> {
-    /// Lines along rows.
-    Lines(&'a [Line]),
-    /// The lane.
+    /// Lines along rows, and the points they were found in.
+    Lines(Found<'a>),
+    /// The lane, in all returns.
     Lane(LaneView),
 }
 

@@ -109,7 +109,7 @@ impl Pilot {
             let scan = timed(probe, Part::Scan, || eye.lidar.scan(&field.plants, world_from_lidar, &mut eye.noise));
             let part = if looks_back { Part::LineFindingBack } else { Part::LineFindingFront };
             let found = timed(probe, part, || eye.perception.find(&scan, &mut eye.random, (field, world_from_lidar)));
-            probe.scanned(world_from_lidar, &scan, Detection::Lines(found.lines));
+            probe.scanned(world_from_lidar, &scan, Detection::Lines(found));
             if !looks_back {
                 observer.count_points(found.points.len());
             }
