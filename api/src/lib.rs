@@ -2,7 +2,7 @@
 //!
 //! Read in this order: [`plan`] expands and checks what a user asks for, [`table`] turns results into statistics and
 //! prints them, [`paired`] compares two levels of a factor, [`export`] writes all runs (`columnar` knows Parquet),
-//! [`publication`] puts tables beside published values, [`http`] serves all that, [`cli`] is the command `furrow`, and
+//! [`recording`] writes one as MCAP, [`publication`] puts tables beside published values, [`http`] serves all that, [`cli`] is the command `furrow`, and
 //! [`in_process`] joins coordinator and worker without a network.
 
 pub mod bench;
