@@ -1,9 +1,9 @@
 //! A run as an MCAP file, for Foxglove, Rerun and whatever else reads logs of robots.
 //!
-//! [`record`] simulates a finished run once more before a probe ([`recorder`]) that writes all it sees (`file`), so a
-//! recording is never in memory as a whole. [`scene`] draws what does not change, [`messages`] are the pieces of
-//! Foxglove's schemas, `facts` the messages that have no such schema. Time is simulated and begins at 0: nothing in the
-//! file depends on a clock, and the same run gives the same bytes.
+//! [`record`] simulates a finished run once more before a probe (`recorder`) that writes all it sees (`file`), so a
+//! recording is never in memory as a whole. `scene` draws, `messages` are the pieces of Foxglove's schemas, `facts` the
+//! messages that have no such schema, `motion` looks at one pose after the other, `mount` knows the LiDARs. Time is
+//! simulated and begins at 0: nothing in the file depends on a clock, and the same run gives the same bytes.
 
 mod facts;
 mod file;
