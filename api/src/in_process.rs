@@ -68,10 +68,10 @@ impl Farm {
         &self.coordinator
     }
 
-    /// Waits until the coordinator or the worker ends by itself, which is a fault: for ever if all is well.
+    /// Waits until the coordinator or the worker ends by itself: for ever if all is well.
     pub async fn ended(&mut self) -> FarmEnd {
         let ended = tokio::select! {
-            () = self.coordinator.ended() => return FarmEnd("coordinator", "its log says why".to_owned()),
+            () = self.coordinator.ended() => return FarmEnd::Coordinator,
             ended = end_of(&mut self.worker) => ended,
         };
         self.worker = None;
@@ -80,7 +80,7 @@ impl Farm {
             Ok(Err(error)) => error.to_string(),
             Err(error) => error.to_string(),
         };
-        FarmEnd("worker", reason)
+        FarmEnd::Worker(reason)
     }
 
     /// Stops the worker, which hands back what it has not finished, then the coordinator.
@@ -107,7 +107,13 @@ async fn end_of(worker: &mut Option<Running>) -> Result<Result<Summary, WorkerEr
     }
 }
 
-/// This part of the process ended by itself, for this reason. The caller gives up.
+/// A part of the process that ended by itself.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("the {0} of this process ended: {1}")]
-pub struct FarmEnd(&'static str, String);
+pub enum FarmEnd {
+    /// The coordinator, as its log says. The caller gives up.
+    #[error("the coordinator of this process ended: its log says why")]
+    Coordinator,
+    /// The worker, for this reason, as when it was revoked. Whoever has others may go on.
+    #[error("the worker of this process ended: {0}")]
+    Worker(String),
+}

@@ -8,6 +8,7 @@ use furrow_schema::id::{EngineId, SweepId};
 use furrow_schema::sweep::{NewSweep, Submitted, Sweep, SweepState};
 use furrow_schema::table::Cell;
 use serde::Serialize;
+use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
 use super::error::CliError;
@@ -129,7 +130,8 @@ async fn finish(
     let mut earlier = None;
     loop {
         let seeds = search.as_ref().map_or(sweep.seeds, Search::seeds);
-        let submitted = coordinator.submit(NewSweep { priority, seeds, ..sweep.clone() }).await?;
+        let request_json = asking_for(&sweep.request_json, seeds);
+        let submitted = coordinator.submit(NewSweep { priority, seeds, request_json, ..sweep.clone() }).await?;
         let known = *cached.get_or_insert(submitted.cached);
         // The seeds of the look before are in this one, too.
         if let Some(earlier) = earlier.replace(submitted.id) {
@@ -147,6 +149,13 @@ async fn finish(
             return Ok(Finished { sweep, cached: known, verified, data, comparisons, judgement, wall_s });
         }
     }
+}
+
+/// The same request with so many seeds.
+fn asking_for(request_json: &str, seeds: u64) -> String {
+    let Ok(mut request) = serde_json::from_str::<Value>(request_json) else { return request_json.to_owned() };
+    request["seeds"] = Value::from(seeds);
+    request.to_string()
 }
 
 async fn run_to_its_end(
@@ -304,6 +313,11 @@ fn shown(table: &Table) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_on_record_as_asked_for_has_the_seeds_that_were_run() {
+        assert_eq!(asking_for(r#"{"plan":"a/b","seeds":1}"#, 12), r#"{"plan":"a/b","seeds":12}"#);
+    }
 
     #[test]
     fn tables_of_times_that_are_missing_are_named() {

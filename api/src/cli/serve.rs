@@ -13,7 +13,7 @@ use super::error::CliError;
 use super::http_options::{Front, HttpOptions};
 use super::{lan, output, stop};
 use crate::http::{self, App};
-use crate::in_process::Farm;
+use crate::in_process::{Farm, FarmEnd};
 
 /// Requests under way have this long after a signal.
 const FINISH_WITHIN: Duration = Duration::from_secs(5);
@@ -95,12 +95,22 @@ async fn serve(
         biased;
         error = refused(told) => Err(error),
         ended = http::serve(listener, app, stop.clone()) => ended.map_err(CliError::failed("HTTP failed")),
-        end = farm.ended() => Err(CliError::Failed(end.to_string())),
+        end = without_coordinator(&mut farm) => Err(CliError::Failed(end.to_string())),
         () = overdue(&stop) => Ok(()),
     };
     service.close().await;
     farm.stop().await;
     ended
+}
+
+/// Waits until the coordinator ends; without a worker of its own it serves others.
+async fn without_coordinator(farm: &mut Farm) -> FarmEnd {
+    loop {
+        match farm.ended().await {
+            end @ FarmEnd::Worker(_) => tracing::error!("{end}; the coordinator goes on for others"),
+            FarmEnd::Coordinator => return FarmEnd::Coordinator,
+        }
+    }
 }
 
 /// The error; never, without one.

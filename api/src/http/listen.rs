@@ -29,7 +29,7 @@ use super::{App, router};
 const CONNECTIONS: usize = 512;
 
 /// Connections at a time from one address, unless a proxy stands in front.
-const CONNECTIONS_OF_ONE: usize = 128;
+const CONNECTIONS_OF_ONE: usize = 256;
 
 /// A client has so long for its part of the encryption's beginning.
 const HANDSHAKE_WITHIN: Duration = Duration::from_secs(10);

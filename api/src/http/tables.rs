@@ -146,7 +146,8 @@ async fn data_of(
     cells: Vec<CellSummary>,
     query: &Query,
 ) -> Result<SweepData, StoreError> {
-    let columns = if !query.needs_values() {
+    let present = |name: &str| cells.iter().any(|cell| cell.metrics.contains_key(name));
+    let columns = if !query.needs_values(sweep.timing, present) {
         Vec::new()
     } else if sweep.timing {
         coordinator.values(sweep.id, None).await?.into_iter().map(CellColumns::from).collect()

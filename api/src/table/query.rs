@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::error::TableError;
-use super::metric::{Metric, SUCCESS, metric};
+use super::metric::{Metric, OfSums, SUCCESS, metric, ratios_of_sums};
 
 /// A question for a table. The default asks for everything.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -53,12 +53,18 @@ impl Query {
     }
 
     /// Whether single values are needed: for medians, percentiles, times and ratios of sums. Everything else comes from the cells' moments.
+    /// `present` are the metrics of which there are moments; times have none.
     #[must_use]
-    pub fn needs_values(&self) -> bool {
+    pub fn needs_values(&self, timing: bool, present: impl Fn(&str) -> bool) -> bool {
         let asked = self.statistics.as_deref().unwrap_or(&Statistic::USUAL);
         let median = asked.iter().any(|statistic| statistic.needs_values());
+        let can_be = |of: OfSums| present(of.numerator) && present(of.denominator);
         let by_value = |metric: &Metric| metric.timing || metric.of_sums.is_some();
-        median || self.metrics.as_ref().is_none_or(|names| names.iter().any(|name| by_value(&metric(name))))
+        median
+            || match &self.metrics {
+                Some(names) => names.iter().any(|name| by_value(&metric(name))),
+                None => timing || ratios_of_sums().any(|(_, of)| can_be(of)),
+            }
     }
 }
 
@@ -251,12 +257,15 @@ mod tests {
 
     #[test]
     fn single_values_are_fetched_only_for_medians_times_and_ratios_of_sums() {
-        let needs = |metric, statistic| Query::from_words(None, metric, None, statistic).unwrap().needs_values();
+        let of = |metric, statistic| Query::from_words(None, metric, None, statistic).unwrap();
+        let needs = |metric, statistic| of(metric, statistic).needs_values(false, |_| false);
         assert!(needs(None, None));
         assert!(needs(Some("success"), None));
         assert!(needs(Some("line_finding_time_ms"), Some("mean")));
         assert!(needs(Some("distance_per_intervention_m"), Some("mean")));
         assert!(needs(Some("success"), Some("p95")));
         assert!(!needs(Some("success,simulated_s"), Some("mean,ci95,sum")));
+        assert!(!needs(None, Some("mean")) && of(None, Some("mean")).needs_values(true, |_| false));
+        assert!(of(None, Some("mean")).needs_values(false, |name| name != "success"));
     }
 }

@@ -82,3 +82,16 @@ async fn a_sweep_in_a_file_is_cancelled_and_retried_without_a_server() {
     let retried = process::finished(&["retry", &sweep, "--db", &db]).await;
     assert_eq!((retried.code, retried.stdout.as_str()), (Some(0), "sweep 1 is active: 0 of 8 done, 8 queued\n"));
 }
+
+#[tokio::test]
+async fn a_server_whose_own_worker_is_revoked_goes_on_for_others() {
+    let directory = directory();
+    let server = Server::start(&path(&directory, "served.db"), 1).await;
+    let own = server.until("/v1/workers", |workers| workers["items"].get(0).map(|worker| worker["id"].clone())).await;
+    server.change(Method::DELETE, &format!("/v1/workers/{}", own.as_str().unwrap()), None).await;
+    let sweep = server.submit(&json!({"plan": plan(1.0, 1)})).await;
+    let _other = server.worker();
+    server.done(sweep).await;
+    let workers: Vec<Value> = server.jobs(sweep).await.iter().map(|job| job["worker"].clone()).collect();
+    assert!(workers.iter().all(|worker| *worker != own), "{workers:?}");
+}

@@ -156,6 +156,9 @@ async fn seeds_are_added_until_the_interval_is_narrow_or_there_are_enough() {
     assert_eq!((&said["until"]["looks"], &said["runs"], &said["cached"]), (&json!(2), &json!(28), &json!(0)));
     let sweeps = process::json(&["status", "--db", &db, "--json"]).await;
     assert_eq!(sweeps["items"].as_array().unwrap().len(), 1, "the look before leaves no sweep behind");
+    let number = sweeps["items"][0]["id"].to_string();
+    let report = process::finished(&["report", &number, "--db", &db]).await;
+    assert!(report.stdout.contains("&quot;seeds&quot;: 7"), "{report:?}");
     refused(&["run", &plan, "--until", "robot:success"], &["robot", "algorithm"]).await;
     refused(&["run", &plan, "--until", "luck<=1"], &["luck", "success"]).await;
 }
