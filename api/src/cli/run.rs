@@ -24,7 +24,7 @@ use crate::in_process::Farm;
 use crate::plan::expand;
 use crate::publication::{self, Comparison};
 use crate::sequential::Judgement;
-use crate::table::{Format, Metric, Query, SweepData, Table, tabulate};
+use crate::table::{Format, Query, SweepData, tabulate};
 
 /// Progress is looked at no more often than this.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
@@ -144,7 +144,7 @@ async fn finish(
         };
         if search.as_mut().zip(judgement.as_ref()).is_none_or(|(search, judgement)| search.ends_with(judgement)) {
             let data = sweep_data(&coordinator, &sweep, &Query::default()).await?;
-            let comparisons = comparisons(&coordinator, &sweep, &data).await?;
+            let comparisons = publication::of_sweep(&coordinator, &sweep, &data).await?;
             let wall_s = started.elapsed().as_secs_f64();
             return Ok(Finished { sweep, cached: known, verified, data, comparisons, judgement, wall_s });
         }
@@ -174,20 +174,6 @@ async fn run_to_its_end(
     };
     progress.finish(started.elapsed().as_secs_f64());
     ended
-}
-
-/// The publication's tables in which there is anything of ours.
-async fn comparisons(coordinator: &Coordinator, sweep: &Sweep, data: &SweepData) -> Result<Vec<Comparison>, CliError> {
-    let mut comparisons = Vec::new();
-    for (source, table) in publication::tables_of(&sweep.plan, data) {
-        let mut comparison =
-            publication::compare(source, table, Some(data)).map_err(CliError::failed("no comparison"))?;
-        if comparison.cells.iter().any(|cell| cell.ours.is_some()) {
-            publication::cite(coordinator, sweep.id, &mut comparison).await?;
-            comparisons.push(comparison);
-        }
-    }
-    Ok(comparisons)
 }
 
 /// A priority above all sweeps that an earlier command left unfinished in the same database.
@@ -268,7 +254,7 @@ fn print_json(finished: &Finished) -> Result<(), CliError> {
 fn print_tables(finished: &Finished) -> Result<(), CliError> {
     let Finished { sweep, cached, verified, data, comparisons, judgement, wall_s } = finished;
     let everything = tabulate(data, &Query::default()).map_err(CliError::failed("no table"))?;
-    let metrics = Some(shown(&everything));
+    let metrics = Some(everything.first_metrics(SHOWN));
     let table = tabulate(data, &Query { metrics, ..Query::default() }).map_err(CliError::failed("no table"))?;
     output::line(&table.write(Format::Text))?;
     for comparison in comparisons {
@@ -302,12 +288,6 @@ fn hint_at_timing(tables: &[&str]) -> Option<String> {
         }
     };
     Some(format!("{named} need{verb} computing times: add --timing to measure them."))
-}
-
-/// The metrics that fit a terminal: the first few, and all times where they were measured.
-fn shown(table: &Table) -> Vec<String> {
-    let (times, others): (Vec<&Metric>, Vec<&Metric>) = table.metrics.iter().partition(|metric| metric.timing);
-    others.into_iter().take(SHOWN).chain(times).map(|metric| metric.name.to_string()).collect()
 }
 
 #[cfg(test)]

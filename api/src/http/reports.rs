@@ -20,7 +20,7 @@ use super::negotiate::{Form, choose};
 use super::parameters::ReportForm;
 use super::problem::Problem;
 use super::trajectories::draw;
-use crate::publication::{self, Comparison};
+use crate::publication;
 use crate::report::{self, Ending, GivenUp, Material, compose};
 use crate::table::SweepData;
 
@@ -73,22 +73,10 @@ impl App {
         let digest = digest(&values);
         let columns = values.into_iter().map(CellColumns::from).collect();
         let data = SweepData::new(sweep.factors.clone(), cells, columns);
-        let comparisons = self.comparisons(&sweep, &data).await?;
+        let comparisons = publication::of_sweep(self.coordinator(), &sweep, &data).await?;
         let drawings = self.drawings(&endings).await;
         let given_up = self.given_up(&sweep).await?;
         Ok(Material { sweep, request, data, digest, comparisons, endings, given_up, drawings })
-    }
-
-    async fn comparisons(&self, sweep: &Sweep, data: &SweepData) -> Result<Vec<Comparison>, Problem> {
-        let mut comparisons = Vec::new();
-        for (source, table) in publication::tables_of(&sweep.plan, data) {
-            let mut comparison = publication::compare(source, table, Some(data))?;
-            if comparison.cells.iter().any(|cell| cell.ours.is_some()) {
-                publication::cite(self.coordinator(), sweep.id, &mut comparison).await?;
-                comparisons.push(comparison);
-            }
-        }
-        Ok(comparisons)
     }
 
     /// A drawing of a run that went well, and of the first runs of other outcomes. What cannot be run again, as results of

@@ -6,12 +6,13 @@ use std::collections::BTreeMap;
 use furrow_coordinator::view::RunValue;
 use furrow_coordinator::{Coordinator, StoreError};
 use furrow_schema::id::{JobKey, SweepId};
+use furrow_schema::sweep::Sweep;
 
 use super::reason::add;
 use super::reference::Kind;
 use super::verdict::Verdict;
-use super::{Comparison, ComparisonCell};
-use crate::table::{Metric, median, metric, short};
+use super::{Comparison, ComparisonCell, compare, tables_of};
+use crate::table::{Metric, SweepData, median, metric, short};
 
 /// The outcome of a run that reached its end without damage.
 const SUCCESS: &str = "success";
@@ -21,6 +22,26 @@ const FAILED_NAMED: usize = 3;
 
 /// So many digits of a key are given; any beginning of a key that is no other's finds its job.
 const KEY_DIGITS: usize = 12;
+
+/// The published tables in which there is anything of a sweep, with the runs that verdicts `different` cite.
+///
+/// # Errors
+/// The store's.
+pub async fn of_sweep(
+    coordinator: &Coordinator,
+    sweep: &Sweep,
+    data: &SweepData,
+) -> Result<Vec<Comparison>, StoreError> {
+    let mut comparisons = Vec::new();
+    for (source, table) in tables_of(&sweep.plan, data) {
+        let Ok(mut comparison) = compare(source, table, Some(data)) else { continue };
+        if comparison.cells.iter().any(|cell| cell.ours.is_some()) {
+            cite(coordinator, sweep.id, &mut comparison).await?;
+            comparisons.push(comparison);
+        }
+    }
+    Ok(comparisons)
+}
 
 /// Adds to each verdict `different` how many runs failed and by which outcome, and the keys of runs to look at:
 /// nearest to the median, farthest from it, failed. `sweep` is the one that was compared; only the runs of such

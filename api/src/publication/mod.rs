@@ -42,7 +42,7 @@ use crate::table::{Format, Grid, Metric, Pairs, SweepData, metric, render};
 pub use claims::{TABLE as CLAIMS, check};
 pub use compare::compare;
 pub use error::PublicationError;
-pub use evidence::cite;
+pub use evidence::{cite, of_sweep};
 pub use reference::{sources, tables};
 pub use verdict::Verdict;
 

@@ -9,7 +9,7 @@ use time::format_description::well_known::Rfc3339;
 
 use super::plot::{Line, intervals};
 use super::{Block, Ending, GivenUp, Material, Report, command};
-use crate::table::{Column, Entry, Grid, Metric, Query, Table, short, tabulate};
+use crate::table::{Column, Entry, Grid, Metric, Query, SweepData, Table, short, tabulate};
 
 /// Metrics in tables and figures: the first few.
 const SHOWN: usize = 4;
@@ -85,12 +85,9 @@ fn results(Material { data, .. }: &Material) -> Vec<Block> {
 }
 
 /// The first few metrics of all cells.
-fn table(data: &crate::table::SweepData) -> Option<Table> {
+fn table(data: &SweepData) -> Option<Table> {
     let everything = tabulate(data, &Query::default()).ok()?;
-    let (times, others): (Vec<&Metric>, Vec<&Metric>) = everything.metrics.iter().partition(|metric| metric.timing);
-    let names: Vec<String> =
-        others.into_iter().take(SHOWN).chain(times).map(|metric| metric.name.to_string()).collect();
-    let table = tabulate(data, &Query { metrics: Some(names), ..Query::default() }).ok()?;
+    let table = tabulate(data, &Query { metrics: Some(everything.first_metrics(SHOWN)), ..Query::default() }).ok()?;
     (!table.metrics.is_empty()).then_some(table)
 }
 

@@ -168,6 +168,13 @@ impl Table {
         }
     }
 
+    /// The names of its first few metrics, and of all times where they were measured.
+    #[must_use]
+    pub fn first_metrics(&self, few: usize) -> Vec<String> {
+        let (times, others): (Vec<&Metric>, Vec<&Metric>) = self.metrics.iter().partition(|metric| metric.timing);
+        others.into_iter().take(few).chain(times).map(|metric| metric.name.to_string()).collect()
+    }
+
     /// The table as rows and columns for programs, in full precision.
     #[must_use]
     pub fn exact_grid(&self) -> Grid {
