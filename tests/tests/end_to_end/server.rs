@@ -167,7 +167,8 @@ impl Server {
 /// A client for HTTP, set up by `set`. Its encryption has to be chosen in every process that makes one.
 pub(crate) fn client(set: impl FnOnce(ClientBuilder) -> ClientBuilder) -> Client {
     furrow_api::http::tls::provide();
-    set(Client::builder().no_proxy().tls_certs_only([])).build().unwrap()
+    // A server that stood still closes connections that were idle; no request is to meet that.
+    set(Client::builder().no_proxy().tls_certs_only([]).pool_max_idle_per_host(0)).build().unwrap()
 }
 
 /// Reads the lines in which a server says where it listens; these, and all lines up to them.
