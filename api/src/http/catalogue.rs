@@ -46,8 +46,7 @@ pub struct ParameterInfo {
     pub source: String,
     /// Its unit; `1` for a pure number, empty for words and truth values.
     pub unit: String,
-    /// What it is unless set.
-    #[schema(value_type = Object)]
+    /// What it is unless set: a number, a word, a truth value or an object.
     pub default: Value,
     /// Smallest and largest allowed number.
     pub range: Option<[f64; 2]>,
