@@ -6,14 +6,15 @@ use furrow_schema::sweep::{Sweep, SweepState};
 use crate::error::StoreError;
 use crate::store::{Store, from_json, hash, unsigned};
 
-/// One sweep (?1), or the latest below ?2, of those that are seen.
+/// One sweep (?1), or the latest below ?2, of those that are seen. Disputed results are few and a sweep's jobs many: the
+/// cross joins begin with the few.
 const SELECT: &str = "with held as materialized (
         select cell.sweep_id, count(*) as jobs
         from job join cell_job on cell_job.job_id = job.id join cell on cell.id = cell_job.cell_id
         where job.state = 'leased' group by cell.sweep_id)
     select sweep.id, name, plan, state, priority, total, done, failed, cancelled, cached, coalesce(held.jobs, 0) as leased,
         (select count(*) from verification
-            join cell_job on cell_job.job_id = verification.job_id join cell on cell.id = cell_job.cell_id
+            cross join cell_job on cell_job.job_id = verification.job_id cross join cell on cell.id = cell_job.cell_id
             where verification.state in ('overruled', 'undecided') and cell.sweep_id = sweep.id) as disputed,
         engine.hash as engine, seeds, factors, record, timing, created_ms, finished_ms
     from sweep join engine on engine.id = sweep.engine_id left join held on held.sweep_id = sweep.id
