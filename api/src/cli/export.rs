@@ -38,8 +38,5 @@ pub(super) async fn run(args: ExportArgs) -> Result<(), CliError> {
 async fn write(client: &Client, args: &ExportArgs) -> Result<(), CliError> {
     let sweep = args.sweep.to_string();
     let (path, query) = (["v1", "sweeps", &sweep, "results"], [("format", args.format.as_str())]);
-    match &args.output {
-        Some(file) => whole_file::download(client, &path, &query, file).await,
-        None => client.download(&path, &query, &mut std::io::stdout()).await,
-    }
+    whole_file::download(client, &path, &query, args.output.as_deref()).await
 }

@@ -23,7 +23,7 @@ pub(super) struct ReplayArgs {
 pub(super) async fn run(args: ReplayArgs) -> Result<(), CliError> {
     let client = Client::open(&args.source).await?;
     let path = ["v1", "jobs", &args.job, "replay"];
-    let ended = whole_file::download(&client, &path, &[("format", "mcap")], &args.mcap).await;
+    let ended = whole_file::download(&client, &path, &[("format", "mcap")], Some(&args.mcap)).await;
     client.close().await;
     ended
 }

@@ -38,11 +38,7 @@ pub(super) async fn run(args: ReportArgs) -> Result<(), CliError> {
     let client = Client::open(&args.source).await?;
     let path = ["v1", "sweeps", &args.sweep.to_string(), "report"];
     let format = if args.form() == Form::Md { "md" } else { "html" };
-    let query = [("format", format)];
-    let ended = match &args.output {
-        Some(file) => whole_file::download(&client, &path, &query, file).await,
-        None => client.download(&path, &query, &mut std::io::stdout()).await,
-    };
+    let ended = whole_file::download(&client, &path, &[("format", format)], args.output.as_deref()).await;
     client.close().await;
     ended
 }

@@ -79,7 +79,7 @@ pub(super) async fn run(args: RunArgs) -> Result<(), CliError> {
     let expanding = tokio::task::spawn_blocking(move || expand(&request));
     let expansion = expanding.await.map_err(CliError::failed("cannot expand the plan"))??;
     warn(&expansion.not_applied);
-    until::check(&args.until, &expansion.factors)?;
+    args.until.check(&expansion.factors)?;
     let search = args.until.search(expansion.seeds);
     let sweep = NewSweep { record: args.record, timing: args.timing, ..new_sweep(expansion, None) };
 

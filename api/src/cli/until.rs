@@ -27,6 +27,20 @@ pub(super) struct Until {
 }
 
 impl Until {
+    /// Refuses a factor that the plan does not have, before anything is run.
+    ///
+    /// # Errors
+    /// Names the factor, and those there are.
+    pub(super) fn check(&self, factors: &[String]) -> Result<(), CliError> {
+        match &self.goal {
+            Some(Goal::Order { factor, .. }) if !factors.contains(factor) => Err(CliError::BadInput(format!(
+                "--until: there is no factor `{factor}`, allowed is {}",
+                factors.join(", ")
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// The search, if there is a goal; it starts with `seeds`, and at least with a few.
     pub(super) fn search(&self, seeds: u64) -> Option<Search> {
         let goal = self.goal.clone()?;
@@ -180,17 +194,6 @@ fn orders_shown(judgement: &Judgement) -> String {
     render(&Grid { columns, rows: judgement.orders.iter().map(row).collect(), ..Grid::default() }, Format::Text)
 }
 
-/// Refuses a metric or factor that none of the cells can have, before anything is run.
-pub(super) fn check(until: &Until, factors: &[String]) -> Result<(), CliError> {
-    match &until.goal {
-        Some(Goal::Order { factor, .. }) if !factors.contains(factor) => Err(CliError::BadInput(format!(
-            "--until: there is no factor `{factor}`, allowed is {}",
-            factors.join(", ")
-        ))),
-        _ => Ok(()),
-    }
-}
-
 /// How it ends where a goal was not reached.
 pub(super) fn conclude(judgement: Option<&Judgement>) -> Result<(), CliError> {
     match judgement {
@@ -219,7 +222,7 @@ mod tests {
     #[test]
     fn a_factor_that_the_plan_does_not_have_is_refused() {
         let until = Until { goal: Some("robot:success".parse().unwrap()), max_seeds: 9 };
-        let error = check(&until, &["algorithm".to_owned(), "field".to_owned()]).unwrap_err();
+        let error = until.check(&["algorithm".to_owned(), "field".to_owned()]).unwrap_err();
         assert_eq!(error.to_string(), "--until: there is no factor `robot`, allowed is algorithm, field");
         assert_eq!(error.exit_code(), 2);
     }

@@ -8,7 +8,7 @@ use std::path::Path;
 use super::client::Client;
 use super::error::CliError;
 
-/// GETs what is at `path` (its segments) with `query` into `file`, in place of one that is there.
+/// GETs what is at `path` (its segments) with `query` into `file`, in place of one that is there, or to standard output.
 ///
 /// # Errors
 /// As [`Client::download`], or the file cannot be written.
@@ -16,8 +16,9 @@ pub(super) async fn download(
     client: &Client,
     path: &[&str],
     query: &[(&str, &str)],
-    file: &Path,
+    file: Option<&Path>,
 ) -> Result<(), CliError> {
+    let Some(file) = file else { return client.download(path, query, &mut std::io::stdout()).await };
     let cannot = || format!("cannot write {}", file.display());
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // As any other file of the user's; it gets its name when it is whole.

@@ -1,6 +1,6 @@
 //! McNemar's exact test and the odds ratio of matched pairs.
 
-use statrs::function::beta::beta_reg;
+use crate::table::{at_most, clopper_pearson_interval};
 
 /// The two-sided p value that `only_a` and `only_b` pairs, of which one side alone is a success, come from even odds:
 /// twice the smaller binomial tail, at most 1. Without such pairs it is 1.
@@ -36,30 +36,9 @@ pub(super) fn odds_ratio_interval(only_a: u64, only_b: u64) -> Option<[Option<f6
     if all == 0 {
         return None;
     }
-    // The share at which as many as `only_b` or fewer, and `only_a` or fewer, come about once in 40 times.
-    let low = 1.0 - share_of_tail(only_b, all);
-    let high = share_of_tail(only_a, all);
+    let [low, high] = clopper_pearson_interval(only_a, all, 0.05);
     let odds = |share: f64| (share < 1.0).then(|| share / (1.0 - share));
     Some([if only_a == 0 { Some(0.0) } else { odds(low) }, if only_b == 0 { None } else { odds(high) }])
-}
-
-/// The share p at which `at_most(k, n, p)` is 0.025.
-fn share_of_tail(k: u64, n: u64) -> f64 {
-    let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..200 {
-        let middle = f64::midpoint(low, high);
-        if at_most(k, n, middle) > 0.025 {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    f64::midpoint(low, high)
-}
-
-/// The chance of at most `k` hits in `n` trials with chance `p` each.
-fn at_most(k: u64, n: u64, p: f64) -> f64 {
-    if k >= n { 1.0 } else { beta_reg((n - k) as f64, (k + 1) as f64, 1.0 - p) }
 }
 
 #[cfg(test)]

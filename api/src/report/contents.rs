@@ -62,13 +62,9 @@ fn date(unix_ms: i64) -> String {
 }
 
 fn again(Material { request, .. }: &Material) -> Vec<Block> {
-    let text = "A run is a function of its scenario and seed: the same engine (`furrow --version` names it) gives the same \
+    let text = "A run is a function of its scenario and seed: the same engine (furrow --version names it) gives the same \
         bits on every machine, and with them the digest above.";
-    vec![
-        Block::Heading("How to reproduce".into()),
-        Block::Text(text.replace('`', "")),
-        Block::Code(command::again(request)),
-    ]
+    vec![Block::Heading("How to reproduce".into()), Block::Text(text.into()), Block::Code(command::again(request))]
 }
 
 fn results(Material { data, .. }: &Material) -> Vec<Block> {

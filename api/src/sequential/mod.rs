@@ -57,10 +57,10 @@ pub struct Judgement {
     pub error_rate_of_look: f64,
     /// The error rate of all looks together.
     pub error_rate: f64,
-    /// The widest interval of each cell's metric.
+    /// The interval of each cell, of a goal about widths.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub widths: Vec<CellWidth>,
-    /// The order of every two levels.
+    /// The order of every two levels, of a goal about that.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub orders: Vec<Order>,
 }

@@ -90,7 +90,7 @@ pub(crate) fn interval(contrast: Contrast, groups: &[&Pairs]) -> Option<[f64; 2]
 }
 
 /// By how much each run moves the figure.
-fn influences(contrast: Contrast, groups: &[&Pairs]) -> Option<Vec<f64>> {
+pub(super) fn influences(contrast: Contrast, groups: &[&Pairs]) -> Option<Vec<f64>> {
     let ratios: Vec<f64> = groups.iter().map(|group| group.ratio()).collect::<Option<_>>()?;
     let slopes = contrast.slopes(&ratios);
     let mut influences = Vec::new();

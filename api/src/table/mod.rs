@@ -6,6 +6,7 @@
 //!
 //! A table is a function of the set of results: the order in which they came leaves no trace.
 
+mod binomial;
 mod bootstrap;
 mod data;
 mod error;
@@ -30,6 +31,7 @@ pub(crate) use render::{harmless, parquet};
 pub use statistics::{student_interval, student_interval_at, summarize, wilson_interval};
 pub use tabulate::{Table, tabulate};
 
+pub(crate) use binomial::{at_most, clopper_pearson_interval};
 pub(crate) use bootstrap::{Contrast, Draws, NORMAL_FROM, RESAMPLES, Z_975, accelerated_ends, acceleration, interval};
 pub(crate) use metric::{SUCCESS, listed, order};
 pub(crate) use number::{exact, short, superscript};

@@ -3,7 +3,7 @@
 use furrow_coordinator::moments::METRIC_LIMIT;
 use furrow_schema::table::Statistics;
 
-use super::bootstrap::{Contrast, interval};
+use super::bootstrap::{Contrast, influences, interval};
 
 /// The 97.5 % limit of the expected count where none was counted: -ln 0.025.
 const NONE_COUNTED: f64 = 3.688_879_454_113_936;
@@ -65,8 +65,8 @@ impl Pairs {
     /// The standard error of the ratio, from the influence of each run on it; none below two runs.
     #[must_use]
     pub fn standard_error(&self) -> Option<f64> {
-        let (ratio, [_, denominator], n) = (self.ratio()?, self.sums(), self.n() as f64);
-        let squares: f64 = self.0.iter().map(|run| ((run[0] - ratio * run[1]) / denominator).powi(2)).sum();
+        let n = self.n() as f64;
+        let squares: f64 = influences(Contrast::Alone, &[self])?.iter().map(|influence| influence * influence).sum();
         (n > 1.0).then(|| (squares * n / (n - 1.0)).sqrt())
     }
 

@@ -35,15 +35,18 @@ pub fn summarize(series: &Series, ratio: bool) -> Statistics {
 
 /// `statistics` with the sum and the percentiles of the series that were asked for.
 #[must_use]
-pub fn with_others(mut statistics: Statistics, series: &Series, asked: &[Statistic]) -> Statistics {
-    let values = series.values.as_deref().unwrap_or_default();
+pub fn with_sum_and_percentiles(mut statistics: Statistics, series: &Series, asked: &[Statistic]) -> Statistics {
+    let mut values = Vec::new();
+    if asked.iter().any(|statistic| statistic.needs_values()) {
+        values.extend_from_slice(series.values.as_deref().unwrap_or_default());
+    }
     for statistic in asked {
         match statistic {
             Statistic::Sum => statistics.sum = (statistics.n > 0).then(|| series.moments.sum()),
-            Statistic::P5 => statistics.p5 = percentile(values, 0.05),
-            Statistic::P25 => statistics.p25 = percentile(values, 0.25),
-            Statistic::P75 => statistics.p75 = percentile(values, 0.75),
-            Statistic::P95 => statistics.p95 = percentile(values, 0.95),
+            Statistic::P5 => statistics.p5 = percentile(&mut values, 0.05),
+            Statistic::P25 => statistics.p25 = percentile(&mut values, 0.25),
+            Statistic::P75 => statistics.p75 = percentile(&mut values, 0.75),
+            Statistic::P95 => statistics.p95 = percentile(&mut values, 0.95),
             _ => {}
         }
     }
@@ -51,9 +54,8 @@ pub fn with_others(mut statistics: Statistics, series: &Series, asked: &[Statist
 }
 
 /// The value below which the share `at` of the values lies, from 0 to 1: linear between the two that are nearest
-/// (Hyndman and Fan 1996, definition 7); none without values.
-fn percentile(values: &[f64], at: f64) -> Option<f64> {
-    let mut values = values.to_vec();
+/// (Hyndman and Fan 1996, definition 7); none without values, whose order it changes.
+fn percentile(values: &mut [f64], at: f64) -> Option<f64> {
     let place = at * values.len().checked_sub(1)? as f64;
     let (_, lower, above) = values.select_nth_unstable_by(place as usize, f64::total_cmp);
     let lower = *lower;
@@ -195,11 +197,11 @@ mod tests {
     fn percentiles_are_those_of_numpy() {
         // numpy.percentile([2, 4, 4, 4, 5, 5, 7, 9], [5, 25, 75, 95]), numpy 2.4.6.
         let series = Series::of([2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]);
-        let s = with_others(summarize(&series, false), &series, &Statistic::ALL);
+        let s = with_sum_and_percentiles(summarize(&series, false), &series, &Statistic::ALL);
         for (found, expected) in [(s.p5, 2.7), (s.p25, 4.0), (s.p75, 5.5), (s.p95, 8.3), (s.sum, 40.0)] {
             assert!(close(found.unwrap(), expected), "{found:?} is not {expected}");
         }
-        let none = with_others(Statistics::default(), &Series::default(), &Statistic::ALL);
+        let none = with_sum_and_percentiles(Statistics::default(), &Series::default(), &Statistic::ALL);
         assert_eq!(none, Statistics::default());
     }
 

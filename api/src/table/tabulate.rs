@@ -13,7 +13,7 @@ use super::metric::{Metric, SUCCESS, listed, metric, order};
 use super::pairs::Pairs;
 use super::query::{Format, Query, Statistic};
 use super::render::render;
-use super::statistics::{summarize, with_others};
+use super::statistics::{summarize, with_sum_and_percentiles};
 
 /// A table: cells, and what to show of them.
 #[derive(Debug, Clone, PartialEq)]
@@ -150,7 +150,7 @@ fn cell(group: CellData, metrics: &[Metric], asked: Option<&[Statistic]>) -> Cel
             return (metric.name.to_string(), pairs.unwrap_or_default());
         }
         let series = group.metrics.get(metric.name.as_ref()).unwrap_or(&empty);
-        let statistics = with_others(summarize(series, metric.ratio), series, asked.unwrap_or_default());
+        let statistics = with_sum_and_percentiles(summarize(series, metric.ratio), series, asked.unwrap_or_default());
         (metric.name.to_string(), statistics)
     };
     let metrics = metrics.iter().map(of).collect();

@@ -150,7 +150,7 @@ impl Browser {
 
     /// Keeps a picture of the whole page, where the user wants one.
     pub(crate) async fn picture(&mut self, name: &str) {
-        let Some(directory) = env::var_os(SCREENSHOTS) else { return };
+        let Some(directory) = env::var_os(SCREENSHOTS).filter(|folder| !folder.is_empty()) else { return };
         let picture = self.call("Page.captureScreenshot", json!({"captureBeyondViewport": true})).await;
         let bytes = BASE64_STANDARD.decode(picture["data"].as_str().unwrap()).unwrap();
         std::fs::write(Path::new(&directory).join(format!("{name}.png")), bytes).unwrap();

@@ -26,7 +26,7 @@ pub struct Parameter {
 }
 
 /// How the sentence begins that says where a parameter's default comes from.
-const SOURCES: [&str; 7] = ["Paper", "Program", "Thesis", "Data sheet", "Eliazar and Parr", "Scenario", "Ours"];
+const SOURCES: [&str; 4] = ["Paper", "Program", "Data sheet", "Ours"];
 
 impl Parameter {
     /// What it means, without its source.
