@@ -113,9 +113,9 @@ class Sweep:
         Columns: the factors in ``group_by`` (all of them, if None; ``[]`` puts all runs together), ``n`` runs with a
         result, ``missing`` runs without, then per metric and statistic ``METRIC_mean``, ``_std``, ``_median``, ``_min``,
         ``_max``, ``_ci95_low``, ``_ci95_high`` (the 95 % interval of the mean) and ``_n``; the unit stands in the
-        metric's name. ``success_ratio`` is the mean of ``success``, and stands beside every metric. ``statistics`` chooses among ``mean``, ``std``,
-        ``median``, ``min``, ``max``, ``ci95`` and ``n``. With ``columns``, the labels of that factor stand before the
-        columns' names: ``rgop.n``.
+        metric's name. ``success_ratio`` is the mean of ``success``, and stands beside every metric. ``statistics``
+        chooses among these, and ``sum``, ``p5``, ``p25``, ``p75`` and ``p95`` (percentiles). With ``columns``, the
+        labels of that factor stand before the columns' names: ``rgop.n``.
         """
         query = _table_query(group_by, metrics, columns, statistics)
         return frames.of_table(self._transport.text(self._path("/table"), {**query, "format": "csv"}), self.factors)

@@ -13,11 +13,13 @@ use super::file::JsonMessage;
 #[derive(Debug, Serialize)]
 pub(super) struct Motion {
     pub(super) time_s: f64,
-    /// Ahead, since the pose before.
+    /// Along the heading, since the pose before; none where an operator put the robot.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) speed_m_per_s: Option<f64>,
+    pub(super) speed_m_s: Option<f64>,
+    /// Counter-clockwise, likewise.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) yaw_rate_rad_per_s: Option<f64>,
+    pub(super) yaw_rate_rad_s: Option<f64>,
+    /// Positive to the left of the middle; none where there is no lane or inter-row.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) cross_track_m: Option<f64>,
 }
@@ -29,8 +31,8 @@ impl JsonMessage for Motion {
             "furrow.Motion",
             &json!({
                 "time_s": number("simulated time"),
-                "speed_m_per_s": number("along the heading, since the pose before; absent after the operator moved the robot"),
-                "yaw_rate_rad_per_s": number("counter-clockwise, since the pose before"),
+                "speed_m_s": number("along the heading, since the pose before; absent after the operator moved the robot"),
+                "yaw_rate_rad_s": number("counter-clockwise, since the pose before"),
                 "cross_track_m": number("to the left of the middle of the lane (of the LiDAR) or of the nearest inter-row \
                     (of the robot's centre); absent outside all of them"),
             }),

@@ -41,8 +41,8 @@ impl<'a> Motions<'a> {
         self.before = (!moved).then_some((time_s, pose));
         Motion {
             time_s,
-            speed_m_per_s: rates.map(|(speed, _)| speed),
-            yaw_rate_rad_per_s: rates.map(|(_, yaw_rate)| yaw_rate),
+            speed_m_s: rates.map(|(speed, _)| speed),
+            yaw_rate_rad_s: rates.map(|(_, yaw_rate)| yaw_rate),
             cross_track_m: self.cross_track_m(pose),
         }
     }

@@ -200,7 +200,7 @@ fn where_an_operator_moves_the_robot_there_is_a_mark_and_no_speed() {
         assert_eq!(marks[0].0, (result.interventions[0].time_s * 1e9).round() as u64);
         assert!(marks[0].1.entities[0].texts[0].text.starts_with(result.interventions[0].cause.name()));
         let motions = motions(&bytes);
-        let speeds: Vec<f64> = motions.iter().filter_map(|motion| motion["speed_m_per_s"].as_f64()).collect();
+        let speeds: Vec<f64> = motions.iter().filter_map(|motion| motion["speed_m_s"].as_f64()).collect();
         assert!(speeds.len() > motions.len() / 2 && speeds.iter().all(|speed| (-0.01..1.0).contains(speed)));
         assert!(motions.iter().all(|motion| motion["cross_track_m"].as_f64().unwrap().abs() < 1.0));
     }
