@@ -15,4 +15,7 @@ pub mod localization;
 pub mod mission;
 pub mod parameters;
 pub mod perception;
+mod pose;
 pub mod random;
+
+pub use pose::Pose;

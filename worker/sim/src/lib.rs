@@ -14,7 +14,6 @@ pub mod observer;
 pub mod odometry;
 pub mod perception;
 pub mod plan;
-mod pose;
 pub mod robot;
 pub mod run;
 pub mod scenario;
@@ -29,7 +28,7 @@ mod lane_view;
 #[cfg(test)]
 mod table5;
 
+pub use furrow_navigation::Pose;
 pub use furrow_navigation::perception::Scan;
-pub use pose::Pose;
 pub use run::{Detection, Outcome, Part, Probe, RunResult, Seed, simulate};
 pub use scenario::{Scenario, ScenarioError};

@@ -2,10 +2,12 @@
 
 pub mod lane;
 pub mod merge;
+pub mod planting_map;
 pub mod row_filter;
 
 pub use lane::LaneEstimator;
 pub use merge::MergedLines;
+pub use planting_map::PlantingMap;
 pub use row_filter::{RowFilter, RowFilterParams, Rows};
 
 use crate::parameters::NoParams;

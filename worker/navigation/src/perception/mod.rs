@@ -4,6 +4,7 @@
 //! its arm in [`LineFinderSpec::build`].
 
 mod candidates;
+pub mod cloud;
 mod genetic;
 pub mod lane;
 mod lanes;
@@ -17,6 +18,7 @@ pub mod rg;
 pub mod rgop;
 pub mod rgoppn;
 pub mod rgoppni;
+pub mod rows;
 pub mod ruby;
 mod sampling;
 pub mod scan;

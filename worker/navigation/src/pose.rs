@@ -26,6 +26,34 @@ impl Pose {
         }
     }
 
+    /// This pose's frame in which `other` is given, seen from where this pose is given: `a_from_b` with `b_from_c` is `a_from_c`.
+    #[must_use]
+    pub fn compose(self, other: Self) -> Self {
+        let [x_m, y_m] = self.world(other.x_m, other.y_m);
+        Self { x_m, y_m, heading_rad: self.heading_rad + other.heading_rad }
+    }
+
+    /// `b_from_a` of `a_from_b`.
+    #[must_use]
+    pub fn inverse(self) -> Self {
+        let (x_m, y_m) = self.local(0.0, 0.0);
+        Self { x_m, y_m, heading_rad: -self.heading_rad }
+    }
+
+    /// `other` in this pose's frame; both are given in the same frame.
+    #[must_use]
+    pub fn relative(self, other: Self) -> Self {
+        let (x_m, y_m) = self.local(other.x_m, other.y_m);
+        Self { x_m, y_m, heading_rad: other.heading_rad - self.heading_rad }
+    }
+
+    /// A point of this pose's frame in the world \[m\].
+    #[must_use]
+    pub fn world(&self, x_m: f64, y_m: f64) -> [f64; 2] {
+        let (sin, cos) = libm::sincos(self.heading_rad);
+        [self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m]
+    }
+
     /// The pose of a sensor `ahead_m` ahead on the robot's x axis, looking forward or back.
     #[must_use]
     pub fn sensor(self, ahead_m: f64, looks_back: bool) -> Self {
@@ -66,6 +94,22 @@ mod tests {
     fn the_series_for_small_turns_meets_the_exact_arc() {
         let (below, above) = (Pose::default().moved(1.0, 1.999e-3), Pose::default().moved(1.0, 2.001e-3));
         assert!((below.x_m - above.x_m).abs() < 1e-8);
+    }
+
+    #[test]
+    fn poses_compose_and_invert() {
+        let a = Pose { x_m: 1.0, y_m: -2.0, heading_rad: 0.7 };
+        let b = Pose { x_m: 0.3, y_m: 0.5, heading_rad: -1.1 };
+        let there_and_back = a.compose(b).compose(b.inverse());
+        for (left, right) in
+            [(there_and_back, a), (a.compose(a.relative(b)), b), (a.compose(a.inverse()), Pose::default())]
+        {
+            let apart = [left.x_m - right.x_m, left.y_m - right.y_m, left.heading_rad - right.heading_rad];
+            assert!(apart.iter().all(|d| d.abs() < 1e-12), "{left:?} {right:?}");
+        }
+        let [x, y] = a.world(0.3, 0.5);
+        let (x, y) = a.local(x, y);
+        assert!((x - 0.3).abs() < 1e-12 && (y - 0.5).abs() < 1e-12);
     }
 
     #[test]
