@@ -7,16 +7,30 @@
 use furrow_navigation::random::Stream;
 
 use crate::Pose;
-use crate::lidar::TwoPlanarLidarsParams;
 use crate::robot::Motion;
 
 /// Noise is drawn per so much distance \[m\] or turn \[rad\].
 const CHUNK: f64 = 0.1;
 
+/// Standard deviations per distance or turn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OdometryNoise {
+    /// Of the distance per distance \[m/m\].
+    pub distance_sd: f64,
+    /// Of the drift across per distance \[m/m\].
+    pub drift_sd: f64,
+    /// Of the drift across per turn \[m/rad\].
+    pub drift_turn_sd: f64,
+    /// Of the heading per distance \[rad/m\].
+    pub heading_sd: f64,
+    /// Of the heading per turn \[rad/rad\].
+    pub heading_turn_sd: f64,
+}
+
 /// Where the robot thinks it is, by its wheels alone.
 #[derive(Debug, Clone)]
 pub struct Odometry {
-    params: TwoPlanarLidarsParams,
+    noise: OdometryNoise,
     pose: Pose,
     driven_m: f64,
     turned_rad: f64,
@@ -25,8 +39,8 @@ pub struct Odometry {
 impl Odometry {
     /// Odometry that starts at the origin of its own frame, heading along x.
     #[must_use]
-    pub fn new(params: TwoPlanarLidarsParams) -> Self {
-        Self { params, pose: Pose::default(), driven_m: 0.0, turned_rad: 0.0 }
+    pub fn new(noise: OdometryNoise) -> Self {
+        Self { noise, pose: Pose::default(), driven_m: 0.0, turned_rad: 0.0 }
     }
 
     /// The pose in the odometry's frame, up to the last whole chunk plus what was driven since.
@@ -42,13 +56,12 @@ impl Odometry {
         self.turned_rad += motion.turn_rad.abs();
         while self.driven_m >= CHUNK {
             self.driven_m -= CHUNK;
-            let params = &self.params;
-            self.disturb([params.odometry_distance_sd, params.odometry_drift_sd, params.odometry_heading_sd], random);
+            let OdometryNoise { distance_sd, drift_sd, heading_sd, .. } = self.noise;
+            self.disturb([distance_sd, drift_sd, heading_sd], random);
         }
         while self.turned_rad >= CHUNK {
             self.turned_rad -= CHUNK;
-            let params = &self.params;
-            self.disturb([0.0, params.odometry_drift_turn_sd, params.odometry_heading_turn_sd], random);
+            self.disturb([0.0, self.noise.drift_turn_sd, self.noise.heading_turn_sd], random);
         }
     }
 
@@ -65,13 +78,14 @@ impl Odometry {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lidar::TwoPlanarLidarsParams;
 
     /// Standard deviation of the heading [deg] after `steps` of the same motion.
     fn heading_sd(motion: Motion, steps: u32) -> f64 {
         let mut sum = 0.0;
         for seed in 0..2_000 {
             let mut random = Stream::new(seed, "odometry");
-            let mut odometry = Odometry::new(TwoPlanarLidarsParams::default());
+            let mut odometry = Odometry::new(TwoPlanarLidarsParams::default().odometry_noise());
             for _ in 0..steps {
                 odometry.advance(motion, &mut random);
             }

@@ -70,6 +70,7 @@ impl CustomField {
             inter_rows: self.inter_rows,
             error_range_x_m: self.error_range_x_m,
             lane: None,
+            nursery: None,
         }
     }
 

@@ -125,6 +125,7 @@ pub fn build(params: &Guyonneau2022Params, job_seed: u64) -> Field {
         inter_rows: ROWS as u32 - 1,
         error_range_x_m: Some(crop.error_range_x_m),
         lane: None,
+        nursery: None,
     }
 }
 

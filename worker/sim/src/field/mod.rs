@@ -6,11 +6,13 @@ pub mod guyonneau2022;
 pub mod lane;
 mod polyline;
 pub mod velasquez2022;
+pub mod vintu2018;
 
 use serde::{Deserialize, Serialize};
 
 pub use lane::Lane;
 pub use polyline::{OnLine, Polyline};
+pub use vintu2018::Nursery;
 
 use crate::Pose;
 
@@ -21,6 +23,8 @@ furrow_navigation::kinds! {
         Guyonneau2022(guyonneau2022::Guyonneau2022Params) = "guyonneau2022",
         /// Lanes of Velasquez et al. (2022).
         Velasquez2022(velasquez2022::Velasquez2022Params) = "velasquez2022",
+        /// Tree nurseries and the test garden of Vintu (2018).
+        Vintu2018(vintu2018::Vintu2018Params) = "vintu2018",
         /// A user's own field.
         Custom(custom::CustomField) = "custom",
     }
@@ -39,6 +43,7 @@ impl FieldSpec {
         match self {
             Self::Guyonneau2022(params) => guyonneau2022::build(params, job_seed),
             Self::Velasquez2022(params) => velasquez2022::build(params, job_seed),
+            Self::Vintu2018(params) => vintu2018::build(params, job_seed),
             Self::Custom(custom) => custom.build(),
         }
     }
@@ -79,7 +84,7 @@ pub enum PlantKind {
     Weed,
 }
 
-/// A vertical stem.
+/// A vertical stem; in a nursery a tree or shrub, seen from above.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plant {
@@ -87,7 +92,7 @@ pub struct Plant {
     pub x_m: f64,
     /// \[m\]
     pub y_m: f64,
-    /// Radius of the stem \[m\].
+    /// Radius of the stem, in a nursery of the crown \[m\].
     pub radius_m: f64,
     /// \[m\]
     pub height_m: f64,
@@ -105,7 +110,8 @@ pub struct Field {
     pub name: String,
     /// Nominal distance between rows \[m\].
     pub row_spacing_m: f64,
-    /// Centre lines of the rows, in the order in which the robot meets them: from its right to its left.
+    /// Centre lines of the rows, in the order in which the robot meets them: from its right to its left,
+    /// in a nursery perhaps the other way.
     pub rows: Vec<Polyline>,
     /// Middle lines of the inter-rows: number i lies between rows i and i + 1.
     pub middles: Vec<Polyline>,
@@ -119,6 +125,8 @@ pub struct Field {
     pub error_range_x_m: Option<[f64; 2]>,
     /// The lane that the robot is to follow, where the field is one: not necessarily its first inter-row.
     pub lane: Option<Lane>,
+    /// Plants in space, the ground and the map, where the field is a nursery.
+    pub nursery: Option<Nursery>,
 }
 
 impl Field {

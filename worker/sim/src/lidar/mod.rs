@@ -1,12 +1,17 @@
 //! What the robot senses: LiDARs, and odometry.
 
+pub mod canopy;
 mod foliage;
+pub mod fx10;
 pub mod planar;
 mod stems;
 pub mod tilted;
 
+pub use fx10::{Fx10, Fx10Params};
 pub use planar::PlanarLidar;
 pub use tilted::TiltedLidar;
+
+use crate::odometry::OdometryNoise;
 
 furrow_navigation::kinds! {
     /// The sensors on the robot.
@@ -15,6 +20,8 @@ furrow_navigation::kinds! {
         TwoPlanarLidars(TwoPlanarLidarsParams) = "two-planar-lidars",
         /// One planar LiDAR at the front, wheel encoders and a gyroscope.
         OnePlanarLidar(OnePlanarLidarParams) = "one-planar-lidar",
+        /// One 3D LiDAR at the front, and wheel odometry.
+        Fx10(Fx10Params) = "fx10",
     }
 }
 
@@ -48,6 +55,20 @@ furrow_navigation::parameters! {
         pub odometry_heading_sd: f64 = 0.02, "rad/m", [0.0, 1.0];
         /// Odometry: standard deviation of the heading per turn. Ours.
         pub odometry_heading_turn_sd: f64 = 0.10, "rad/rad", [0.0, 1.0];
+    }
+}
+
+impl TwoPlanarLidarsParams {
+    /// The errors of the odometry.
+    #[must_use]
+    pub const fn odometry_noise(&self) -> OdometryNoise {
+        OdometryNoise {
+            distance_sd: self.odometry_distance_sd,
+            drift_sd: self.odometry_drift_sd,
+            drift_turn_sd: self.odometry_drift_turn_sd,
+            heading_sd: self.odometry_heading_sd,
+            heading_turn_sd: self.odometry_heading_turn_sd,
+        }
     }
 }
 

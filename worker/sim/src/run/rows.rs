@@ -92,7 +92,7 @@ impl Pilot {
                     row_spacing_m: field.row_spacing_m,
                     inter_rows: field.inter_rows,
                 };
-                let odometry = Odometry::new(sensors.clone());
+                let odometry = Odometry::new(sensors.odometry_noise());
                 let mission = HeadingHold::new(params.clone(), layout, fuzzy);
                 Self::ByHeading { mission, odometry, random: Stream::new(seed.0, "odometry") }
             }

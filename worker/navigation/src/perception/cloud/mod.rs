@@ -2,6 +2,10 @@
 //!
 //! What the point cloud library does that Vintu (2018), sections 3.2.1 and 3.3, builds upon, with its exact semantics.
 
+mod scan;
+
+pub use scan::{CloudMount, CloudScan};
+
 /// A point in space \[m\]: x ahead, y to the left, z up, in the frame that its owner says.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Point3 {

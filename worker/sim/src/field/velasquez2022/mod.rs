@@ -136,6 +136,7 @@ pub fn build(params: &Velasquez2022Params, job_seed: u64) -> Field {
         inter_rows: 1,
         error_range_x_m: None,
         lane: Some(Lane { right_row, length_m, gaps_m, foliage, terrain, plants_along_m, foliage_along_m }),
+        nursery: None,
     };
     field.start = start(&field, &mut Stream::new(seed, "field-start"));
     field

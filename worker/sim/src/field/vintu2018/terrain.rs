@@ -1,0 +1,339 @@
+//! The ground of a nursery: a slope, smooth undulation, roughness, and a hole for each missing plant. All numbers are ours.
+
+use std::f64::consts::TAU;
+
+use furrow_navigation::random::Stream;
+
+use crate::Pose;
+
+/// Distance between the nodes of the raster \[m\].
+const STEP_M: f64 = 0.1;
+const NODES_PER_M: f64 = 1.0 / STEP_M;
+/// The raster reaches so far beyond the plants, and fades into the bare plane over the last part of it \[m\].
+const MARGIN_M: f64 = 6.0;
+const FADE_M: f64 = 1.0;
+/// Largest slope along x and along y.
+const SLOPE: f64 = 0.03;
+/// Waves of the undulation, their lengths and their standard deviation together \[m\].
+const WAVES: u32 = 4;
+const WAVE_LENGTH_M: [f64; 2] = [4.0, 12.0];
+const UNDULATION_M: f64 = 0.03;
+/// What weights 1, 2, 1 across and along leave of the standard deviation of independent values.
+const SMOOTHED: f64 = 0.375;
+/// Depth of a hole as a share of its radius.
+const HOLE_DEPTH: f64 = 0.6;
+/// Length and width of what a robot stands on \[m\], and samples along each.
+const STANDS_ON_M: [f64; 2] = [1.0, 0.8];
+const SAMPLES: i32 = 5;
+
+/// The ground: the bare plane through the origin outside of its raster.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Terrain {
+    slope: [f64; 2],
+    /// The first node \[m\].
+    from_m: [f64; 2],
+    columns: usize,
+    rows: usize,
+    /// Height above the plane, x fastest \[m\].
+    relief_m: Vec<f32>,
+    /// The lowest and the highest relief, 0 included \[m\].
+    band_m: [f64; 2],
+}
+
+/// How a robot stands on the ground.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Standing {
+    /// Height of the mean plane below its centre \[m\].
+    pub z_m: f64,
+    /// Left side up \[rad\].
+    pub roll_rad: f64,
+    /// Nose down \[rad\].
+    pub pitch_rad: f64,
+}
+
+/// A bowl in the soil.
+pub(super) struct Hole {
+    pub x_m: f64,
+    pub y_m: f64,
+    pub radius_m: f64,
+}
+
+/// What the ground is made of.
+pub(super) struct Relief<'a> {
+    /// Standard deviation of the roughness \[m\].
+    pub roughness_m: f64,
+    /// Of slope, undulation and roughness.
+    pub factor: f64,
+    pub holes: &'a [Hole],
+}
+
+impl Terrain {
+    /// Ground around the rectangle from, to (x, y) \[m\].
+    pub(super) fn draw([from, to]: [[f64; 2]; 2], relief: &Relief<'_>, random: &mut Stream) -> Self {
+        let from_m = from.map(|at| at - MARGIN_M);
+        let nodes = |axis: usize| ((to[axis] + MARGIN_M - from_m[axis]) * NODES_PER_M).ceil() as usize + 1;
+        let (columns, rows) = (nodes(0), nodes(1));
+        let slope = [(); 2].map(|()| relief.factor * random.between(-SLOPE, SLOPE));
+        let undulation = Undulation::draw(from_m, [columns, rows], relief.factor, random);
+        let mut relief_m = roughness([columns, rows], relief.factor * relief.roughness_m, random);
+        for (j, line) in relief_m.chunks_exact_mut(columns).enumerate() {
+            undulation.add(j, line);
+            for (i, node) in line.iter_mut().enumerate() {
+                *node *= fade(i, columns).min(fade(j, rows));
+            }
+        }
+        let mut terrain = Self { slope, from_m, columns, rows, relief_m, band_m: [0.0; 2] };
+        for hole in relief.holes {
+            terrain.dig(hole);
+        }
+        let bounds = terrain.relief_m.iter().fold([0.0_f32; 2], |[low, high], z| [low.min(*z), high.max(*z)]);
+        terrain.band_m = bounds.map(f64::from);
+        terrain
+    }
+
+    /// Rise per metre along x and along y of the plane.
+    #[must_use]
+    pub const fn slope(&self) -> [f64; 2] {
+        self.slope
+    }
+
+    /// Height of the ground \[m\].
+    #[must_use]
+    pub fn height_m(&self, x_m: f64, y_m: f64) -> f64 {
+        self.slope[0] * x_m + self.slope[1] * y_m + self.relief_m(x_m, y_m)
+    }
+
+    /// How a robot stands there: on the mean plane of what is below it.
+    #[must_use]
+    pub fn ground(&self, world_from_robot: Pose) -> Standing {
+        let half = f64::from(SAMPLES / 2);
+        let [dx, dy] = STANDS_ON_M.map(|length| 0.5 * length / half);
+        let (mut sum, mut along, mut across) = (0.0, 0.0, 0.0);
+        for i in -SAMPLES / 2..=SAMPLES / 2 {
+            for j in -SAMPLES / 2..=SAMPLES / 2 {
+                let [x, y] = world_from_robot.world(f64::from(i) * dx, f64::from(j) * dy);
+                let height = self.height_m(x, y);
+                sum += height;
+                along += f64::from(i) * height;
+                across += f64::from(j) * height;
+            }
+        }
+        let n = f64::from(SAMPLES);
+        // Sum of i^2 over all samples.
+        let squares = n * 2.0 * half * (half + 1.0) * (2.0 * half + 1.0) / 6.0;
+        Standing {
+            z_m: sum / (n * n),
+            roll_rad: libm::atan(across / (squares * dy)),
+            pitch_rad: -libm::atan(along / (squares * dx)),
+        }
+    }
+
+    /// Where a ray through `origin` along the unit vector `direction` may meet the ground: from where to where along it,
+    /// within `from` and `to` \[m\]. The way from the lower end on is all below the ground.
+    #[must_use]
+    pub fn reach(&self, origin: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> [f64; 2] {
+        let [above, rise] = self.above_plane(origin, direction);
+        let [low, high] = self.band_m;
+        if rise < 0.0 {
+            [from.max((high - above) / rise), to.min((low - above) / rise)]
+        } else if rise > 0.0 {
+            [from, to.min((high - above) / rise)]
+        } else {
+            [from, if above <= high { to } else { from }]
+        }
+    }
+
+    /// Where a ray first meets the ground within `from` and `to`, to a few millimetres \[m\]; infinity where it does not.
+    #[must_use]
+    pub fn cast(&self, origin: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> f64 {
+        let [above, rise] = self.above_plane(origin, direction);
+        let gap = |t: f64| {
+            let (x, y) = (origin[0] + t * direction[0], origin[1] + t * direction[1]);
+            above + rise * t - self.relief_m(x, y)
+        };
+        let horizontal = (direction[0] * direction[0] + direction[1] * direction[1]).sqrt();
+        let step = STEP_M / horizontal.max(0.1);
+        let (mut t, mut before) = (from, 0.0);
+        while t < to + step {
+            let now = gap(t);
+            if now <= 0.0 {
+                // The relief is close to straight in between.
+                let met = if t > from { t - step * now / (now - before) } else { t };
+                return if met <= to { met } else { f64::INFINITY };
+            }
+            before = now;
+            t += step;
+        }
+        f64::INFINITY
+    }
+
+    /// Height of a ray above the plane at its origin, and how much that grows per metre.
+    fn above_plane(&self, origin: [f64; 3], direction: [f64; 3]) -> [f64; 2] {
+        [origin, direction].map(|[x, y, z]| z - self.slope[0] * x - self.slope[1] * y)
+    }
+
+    #[inline]
+    fn relief_m(&self, x_m: f64, y_m: f64) -> f64 {
+        let (u, v) = ((x_m - self.from_m[0]) * NODES_PER_M, (y_m - self.from_m[1]) * NODES_PER_M);
+        if !(u >= 0.0 && v >= 0.0) {
+            return 0.0;
+        }
+        let (i, j) = (u as usize, v as usize);
+        if i + 1 >= self.columns || j + 1 >= self.rows {
+            return 0.0;
+        }
+        let (u, v) = (u - i as f64, v - j as f64);
+        let at = j * self.columns + i;
+        let node = |at: usize| f64::from(self.relief_m[at]);
+        let near = node(at) + u * (node(at + 1) - node(at));
+        let far = node(at + self.columns) + u * (node(at + self.columns + 1) - node(at + self.columns));
+        near + v * (far - near)
+    }
+
+    /// Lowers the nodes within the hole.
+    fn dig(&mut self, hole: &Hole) {
+        let node = |at: f64, axis: usize| ((at - self.from_m[axis]) * NODES_PER_M).max(0.0) as usize;
+        let [i0, j0] = [node(hole.x_m - hole.radius_m, 0), node(hole.y_m - hole.radius_m, 1)];
+        let [i1, j1] = [node(hole.x_m + hole.radius_m, 0), node(hole.y_m + hole.radius_m, 1)];
+        for j in j0..=(j1 + 1).min(self.rows - 1) {
+            for i in i0..=(i1 + 1).min(self.columns - 1) {
+                let dx = self.from_m[0] + i as f64 * STEP_M - hole.x_m;
+                let dy = self.from_m[1] + j as f64 * STEP_M - hole.y_m;
+                let inside = 1.0 - (dx * dx + dy * dy) / (hole.radius_m * hole.radius_m);
+                self.relief_m[j * self.columns + i] -= (HOLE_DEPTH * hole.radius_m * inside.max(0.0)) as f32;
+            }
+        }
+    }
+}
+
+/// From 0 at the raster's edge to 1 inside.
+fn fade(i: usize, n: usize) -> f32 {
+    let from_edge = i.min(n - 1 - i) as f32 * (STEP_M / FADE_M) as f32;
+    from_edge.min(1.0)
+}
+
+/// Smoothed independent values of standard deviation `sd_m`.
+fn roughness([columns, rows]: [usize; 2], sd_m: f64, random: &mut Stream) -> Vec<f32> {
+    let mut deviates = vec![0.0; columns];
+    let mut nodes = vec![0.0_f32; columns * rows];
+    for line in nodes.chunks_exact_mut(columns) {
+        random.normals(&mut deviates);
+        for (i, node) in line.iter_mut().enumerate().take(columns - 1).skip(1) {
+            let smooth = 0.25 * (deviates[i - 1] + 2.0 * deviates[i] + deviates[i + 1]);
+            *node = (smooth * sd_m / SMOOTHED) as f32;
+        }
+    }
+    let mut smooth = vec![0.0_f32; columns * rows];
+    for j in 1..rows - 1 {
+        let [before, at, after] = [j - 1, j, j + 1].map(|j| &nodes[j * columns..(j + 1) * columns]);
+        for (((smooth, a), b), c) in smooth[j * columns..].iter_mut().zip(before).zip(at).zip(after) {
+            *smooth = 0.25 * (a + 2.0 * b + c);
+        }
+    }
+    smooth
+}
+
+/// A few standing waves, as factors by column and by row.
+struct Undulation {
+    waves: Vec<[Vec<f64>; 2]>,
+}
+
+impl Undulation {
+    fn draw(from_m: [f64; 2], nodes: [usize; 2], factor: f64, random: &mut Stream) -> Self {
+        // Each factor has a mean square of 1 / 2.
+        let amplitude = factor * UNDULATION_M * 2.0 / f64::from(WAVES).sqrt();
+        let mut wave = |axis: usize| {
+            let number = TAU / random.between(WAVE_LENGTH_M[0], WAVE_LENGTH_M[1]);
+            let phase = random.between(0.0, TAU);
+            let scale = if axis == 0 { amplitude } else { 1.0 };
+            let at = |i: usize| scale * libm::sin(number * (from_m[axis] + i as f64 * STEP_M) + phase);
+            (0..nodes[axis]).map(at).collect()
+        };
+        Self { waves: (0..WAVES).map(|_| [wave(0), wave(1)]).collect() }
+    }
+
+    fn add(&self, j: usize, line: &mut [f32]) {
+        for [by_column, by_row] in &self.waves {
+            for (node, wave) in line.iter_mut().zip(by_column) {
+                *node += (wave * by_row[j]) as f32;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn terrain(roughness_m: f64, factor: f64, holes: &[Hole]) -> Terrain {
+        let relief = Relief { roughness_m, factor, holes };
+        Terrain::draw([[0.0, -1.0], [20.0, 10.0]], &relief, &mut Stream::new(3, "field-terrain"))
+    }
+
+    #[test]
+    fn outside_of_the_raster_the_plane_goes_on() {
+        let terrain = terrain(0.02, 1.0, &[]);
+        let [a, b] = terrain.slope();
+        assert!((a.abs() + b.abs()) > 0.0);
+        for (x, y) in [(-50.0, 3.0), (5.0, 80.0), (1e9, -1e9), (-6.5, 0.0)] {
+            assert_eq!(terrain.height_m(x, y), a * x + b * y);
+        }
+        assert!((terrain.height_m(-5.99, 2.0) - (a * -5.99 + b * 2.0)).abs() < 0.01);
+    }
+
+    #[test]
+    fn roughness_has_its_standard_deviation() {
+        let nodes = roughness([500, 500], 0.02, &mut Stream::new(1, "field-terrain"));
+        let inner = nodes.chunks_exact(500).skip(1).take(498).flat_map(|line| &line[1..499]);
+        let sum: f64 = inner.map(|z| f64::from(*z) * f64::from(*z)).sum();
+        assert!((f64::sqrt(sum / (498.0 * 498.0)) - 0.02).abs() < 0.0004);
+    }
+
+    #[test]
+    fn a_hole_is_as_deep_and_as_wide_as_it_should_be() {
+        let terrain = terrain(0.0, 0.0, &[Hole { x_m: 5.0, y_m: 2.0, radius_m: 0.25 }]);
+        assert!((terrain.height_m(5.0, 2.0) + 0.15).abs() < 0.01);
+        assert_eq!((terrain.height_m(5.4, 2.0), terrain.height_m(5.0, 1.6)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn a_robot_stands_as_the_plane_lies() {
+        let mut plane = terrain(0.0, 0.0, &[]);
+        plane.slope = [0.1, 0.0];
+        let uphill = plane.ground(Pose { x_m: 4.0, y_m: 1.0, heading_rad: 0.0 });
+        assert!((uphill.z_m - 0.4).abs() < 1e-12 && (uphill.pitch_rad + libm::atan(0.1)).abs() < 1e-9);
+        assert!(uphill.roll_rad.abs() < 1e-9);
+        let facing_y = plane.ground(Pose { x_m: 4.0, y_m: 1.0, heading_rad: std::f64::consts::FRAC_PI_2 });
+        // The hill rises to its right.
+        assert!((facing_y.roll_rad + libm::atan(0.1)).abs() < 1e-9 && facing_y.pitch_rad.abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_ray_ends_on_the_ground() {
+        let terrain = terrain(0.02, 1.0, &[Hole { x_m: 5.0, y_m: 2.0, radius_m: 0.25 }]);
+        let (mut met, mut worst) = (0, 0.0_f64);
+        for i in 0..2_000 {
+            let (sin, cos) = libm::sincos(f64::from(i) * 0.1);
+            let down = -0.02 - 0.5 * f64::from(i % 50) / 50.0;
+            let length = f64::sqrt(1.0 + down * down);
+            let (origin, direction) = ([8.0, 4.0, 1.0], [cos / length, sin / length, down / length]);
+            let reach = terrain.reach(origin, direction, [0.3, 15.0]);
+            let t = terrain.cast(origin, direction, reach);
+            if t.is_finite() {
+                let z = terrain.height_m(origin[0] + t * direction[0], origin[1] + t * direction[1]);
+                worst = worst.max((origin[2] + t * direction[2] - z).abs());
+                met += 1;
+            } else {
+                assert!(1.0 + 15.0 * direction[2] > -0.7, "a steep ray meets the ground");
+            }
+        }
+        assert!(met > 1_500 && worst < 0.01, "{met} {worst}");
+    }
+
+    #[test]
+    fn a_ray_that_rises_meets_nothing() {
+        let terrain = terrain(0.02, 1.0, &[]);
+        let (origin, direction) = ([8.0, 4.0, 1.5], [0.8, 0.0, 0.6]);
+        assert!(terrain.cast(origin, direction, terrain.reach(origin, direction, [0.3, 15.0])).is_infinite());
+    }
+}
