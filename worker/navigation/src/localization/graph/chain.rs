@@ -160,16 +160,6 @@ impl Chain {
         Ok(covariance)
     }
 
-    /// The newest pose's information, all others eliminated: singular where the graph does not fix it.
-    ///
-    /// # Errors
-    /// An older pose is not fixed even for known newer ones.
-    pub fn information(&mut self) -> Result<Matrix3<f64>, Unsolvable> {
-        self.linearise();
-        self.eliminate_older()?;
-        Ok(self.blocks.last().ok_or(Unsolvable)?.own.information)
-    }
-
     /// The normal equations at the poses as they are; returns the cost.
     fn linearise(&mut self) -> f64 {
         self.blocks.clear();
