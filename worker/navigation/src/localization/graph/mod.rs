@@ -7,9 +7,6 @@
 //! Ours, where the thesis is silent: the points of one line share what their line is off by, so together they count as
 //! one point. Plants repeat every planting distance, so they are taken only while the place along the rows is known to
 //! half their gate (one standard deviation), and only within the gate.
-//!
-//! A line finder that mistakes a neighbouring row for the nearer one would move the robot by a row; the gate on lines is
-//! far under half a row distance, so that such a line is dropped instead.
 
 mod chain;
 mod edges;
