@@ -1,10 +1,14 @@
-//! From the rows around the robot, or its place in a lane, to commands.
+//! From the rows around the robot, its place in a lane or the line to follow, to commands.
 
 pub mod fuzzy;
 pub mod lane;
+pub mod mid_line;
 
 pub use fuzzy::{Fuzzy, FuzzyParams};
 pub use lane::{LanePd, LanePdParams};
+pub use mid_line::io_linearization::{IoLinearization, IoLinearizationParams};
+pub use mid_line::pid::{MidLinePid, MidLinePidParams};
+pub use mid_line::{MidLine, MidLineControl};
 
 crate::kinds! {
     /// Which controller follows a row.
@@ -13,6 +17,22 @@ crate::kinds! {
         Fuzzy(FuzzyParams) = "fuzzy",
         /// Proportional and derivative control in a lane: Velasquez et al. (2022), section 3.4.
         LanePd(LanePdParams) = "lane-pd",
+        /// Two PID loops along a mid line: Vintu (2018), section 2.5.1.
+        Pid(MidLinePidParams) = "pid",
+        /// Input-output linearization along a mid line: Vintu (2018), section 2.5.2.
+        IoLinearization(IoLinearizationParams) = "io-linearization",
+    }
+}
+
+impl ControlSpec {
+    /// A controller that has seen no line yet; none for what follows no mid line.
+    #[must_use]
+    pub fn mid_line(&self) -> Option<Box<dyn MidLineControl>> {
+        match self {
+            Self::Fuzzy(_) | Self::LanePd(_) => None,
+            Self::Pid(params) => Some(Box::new(MidLinePid::new(params))),
+            Self::IoLinearization(params) => Some(Box::new(IoLinearization::new(params.clone()))),
+        }
     }
 }
 

@@ -1,10 +1,13 @@
-//! From the lines of many scans to the rows around the robot; in [`lane`] to the place in one lane.
+//! From the lines of many scans to the rows around the robot; in [`lane`] to the place in one lane; in [`graph`] to the
+//! pose on a map of plants.
 
+pub mod graph;
 pub mod lane;
 pub mod merge;
 pub mod planting_map;
 pub mod row_filter;
 
+pub use graph::{GraphLocalization, GraphParams};
 pub use lane::LaneEstimator;
 pub use merge::MergedLines;
 pub use planting_map::PlantingMap;
