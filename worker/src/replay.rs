@@ -2,7 +2,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use furrow_sim::{Pose, Probe, RunResult, Scenario, Seed, simulate};
+use furrow_sim::{LocatedNode, Pose, Probe, RunResult, Scenario, Seed, simulate};
 
 use crate::pool::panic_message;
 use crate::runner::{ReadError, read_scenario};
@@ -29,6 +29,8 @@ pub struct Rerun {
     pub path: Vec<Pose>,
     /// What the LiDARs saw on the way, in order.
     pub scans: Vec<ThinnedScan>,
+    /// The graph of poses, of a robot that places itself by one.
+    pub nodes: Vec<LocatedNode>,
 }
 
 /// Runs `scenario_json` (as stored with the job) with `seed`, and keeps where it went and what it saw.
@@ -42,7 +44,7 @@ pub fn rerun(scenario_json: &str, seed: u64) -> Result<Rerun, ReplayError> {
     let scenario = read_scenario(scenario_json).map_err(|error: ReadError| ReplayError::Scenario(error.to_string()))?;
     let mut recorder = ScanRecorder::default();
     let result = watch(&scenario, seed, &mut recorder)?;
-    Ok(Rerun { result, path: recorder.path.path, scans: recorder.scans })
+    Ok(Rerun { result, path: recorder.path.path, scans: recorder.scans, nodes: recorder.nodes })
 }
 
 /// Runs `scenario` with `seed` before `probe`, which is of no use after a panic.

@@ -1,6 +1,8 @@
 //! Scans of a run and what was found in them, four times a second and thinned: enough to show them to people.
 
-use furrow_sim::{Detection, Part, Pose, Probe, Scan};
+use furrow_navigation::perception::cloud::Point3;
+use furrow_navigation::perception::rows::RowLine;
+use furrow_sim::{Detection, InSpace, LocatedNode, Part, Pose, Probe, Scan};
 
 use crate::trajectory::Recorder;
 
@@ -14,11 +16,14 @@ const POINTS: usize = 90;
 const LINES: usize = 16;
 /// A run has at most this many kept: two LiDARs for an hour.
 const MAX_SCANS: usize = 28_800;
+/// Nodes of a graph of poses kept of a run at most: 25 km.
+const MAX_NODES: usize = 100_000;
 /// Lines are shown up to here ahead of the LiDAR \[m\].
 const AHEAD_M: f64 = 3.0;
 const UNITS_PER_M: f64 = 100.0;
 
-/// One scan of one LiDAR. Points and lines are in the LiDAR's frame, in centimetres.
+/// One scan of one LiDAR, seen from above. Points and lines are in the LiDAR's frame, in centimetres; of a 3D LiDAR the points are those above
+/// the ground, and the frame is the robot's.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ThinnedScan {
     /// When \[s\].
@@ -36,6 +41,7 @@ pub struct ThinnedScan {
 pub(crate) struct ScanRecorder {
     pub(crate) path: Recorder,
     pub(crate) scans: Vec<ThinnedScan>,
+    pub(crate) nodes: Vec<LocatedNode>,
     time_s: f64,
     taken_s: Option<f64>,
 }
@@ -56,6 +62,27 @@ impl Probe for ScanRecorder {
         if self.is_due() && self.scans.len() < MAX_SCANS {
             let (points_cm, lines_cm) = (thinned(scan), lines(found));
             self.scans.push(ThinnedScan { time_s: self.time_s, world_from_lidar, points_cm, lines_cm });
+        }
+    }
+
+    fn scanned_in_space(&mut self, world_from_robot: Pose, sight: &InSpace<'_>) {
+        if self.is_due() && self.scans.len() < MAX_SCANS {
+            let every = sight.plants.len().div_ceil(POINTS).max(1);
+            let seen = |point: &Point3| [centimetres(point.x), centimetres(point.y)];
+            let points_cm = sight.plants.iter().step_by(every).map(seen).collect();
+            let lines_cm = sight.rows.lines.iter().flatten().map(piece_ahead).collect();
+            self.scans.push(ThinnedScan {
+                time_s: self.time_s,
+                world_from_lidar: world_from_robot,
+                points_cm,
+                lines_cm,
+            });
+        }
+    }
+
+    fn located(&mut self, node: &LocatedNode) {
+        if self.nodes.len() < MAX_NODES {
+            self.nodes.push(node.clone());
         }
     }
 
@@ -83,6 +110,15 @@ fn thinned(scan: &Scan<'_>) -> Vec<[i16; 2]> {
         .step_by(every)
         .map(|(range, (cos, sin))| [centimetres(range * cos), centimetres(range * sin)])
         .collect()
+}
+
+/// From the foot of the robot's centre on the line to some way ahead.
+fn piece_ahead(line: &RowLine) -> [i16; 4] {
+    let ([x, y], [dx, dy]) = (line.point, line.direction);
+    let to_foot_m = -(x * dx + y * dy);
+    let at = |along_m: f64| [x + (to_foot_m + along_m) * dx, y + (to_foot_m + along_m) * dy];
+    let ([x0, y0], [x1, y1]) = (at(0.0), at(AHEAD_M));
+    [x0, y0, x1, y1].map(centimetres)
 }
 
 fn lines(found: Detection<'_>) -> Vec<[i16; 4]> {

@@ -8,6 +8,8 @@
 //!   in a run that processed no points;
 //! - `lane_finding_time_ms`, `lane_estimation_time_ms` (both halves of the estimator) and `control_time_ms` (goal
 //!   generator and controller): means a scan of a robot in a lane, as section 5.4 of Velasquez et al. (2022) has them;
+//! - `ray_casting_time_ms`, `filtering_time_ms`, `ground_detection_time_ms`, `row_detection_time_ms`, `localization_time_ms`: means a
+//!   cloud of a robot in a nursery, the last four as in table 4.8 of Vintu (2018);
 //! - `computation_time_ms`: all finding, estimation and control over the number of control steps, which is the time
 //!   that a robot's own computer spends between two scans and a command.
 
@@ -25,12 +27,16 @@ use self::histogram::Histogram;
 /// Calls of the front line finder that `line_finding_time_ms` is the mean of.
 const TIMED_LINE_FINDINGS: u64 = 500;
 /// Parts whose time is the robot's own computation.
-const COMPUTATION: [Part; 6] = [
+const COMPUTATION: [Part; 10] = [
     Part::LineFindingFront,
     Part::LineFindingBack,
     Part::LaneFinding,
     Part::LanePrediction,
     Part::LaneCorrection,
+    Part::Filtering,
+    Part::GroundDetection,
+    Part::RowDetection,
+    Part::Localization,
     Part::Control,
 ];
 
@@ -86,6 +92,11 @@ impl Stopwatch {
             ("lane_finding_time_ms", self.ms_a_scan(&[Part::LaneFinding])),
             ("lane_estimation_time_ms", self.ms_a_scan(&[Part::LanePrediction, Part::LaneCorrection])),
             ("control_time_ms", self.ms_a_scan(&[Part::Control])),
+            ("filtering_time_ms", self.ms_a_cloud(Part::Filtering)),
+            ("ground_detection_time_ms", self.ms_a_cloud(Part::GroundDetection)),
+            ("row_detection_time_ms", self.ms_a_cloud(Part::RowDetection)),
+            ("localization_time_ms", self.ms_a_cloud(Part::Localization)),
+            ("ray_casting_time_ms", self.ms_a_cloud(Part::Scan)),
             ("computation_time_ms", self.ms_over(&COMPUTATION, Part::Control)),
         ];
         named.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
@@ -94,6 +105,11 @@ impl Stopwatch {
     /// Of a robot in a lane; none of another.
     fn ms_a_scan(&self, parts: &[Part]) -> Option<f64> {
         self.ms_over(parts, Part::LaneFinding)
+    }
+
+    /// Of a robot in a nursery; none of another.
+    fn ms_a_cloud(&self, part: Part) -> Option<f64> {
+        self.ms_over(&[part], Part::RowDetection)
     }
 
     /// The time of `parts` over the calls of `step`.

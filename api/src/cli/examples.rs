@@ -95,7 +95,14 @@ pub(super) const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
     ),
     ("export", &[("export 3 --format parquet --output runs.parquet", "a row per run, with all metrics")]),
     ("report", &[("report 3 --output report.html", "tables, figures and failures in one file")]),
-    ("job", &[("job 12", "one run in numbers"), ("job 12 --svg run.svg", "and as a drawing")]),
+    (
+        "job",
+        &[
+            ("job 12", "one run in numbers"),
+            ("job 12 --svg run.svg", "and as a drawing"),
+            ("job 12 --pose-graph graph.svg", "how a robot in a nursery placed itself"),
+        ],
+    ),
     ("replay", &[("replay 12 --mcap run.mcap", "for Foxglove, Rerun and other readers of robots' logs")]),
     ("bench", &[("bench queue --jobs 100000", "jobs a second with runs that do nothing")]),
     ("backup", &[("backup --db results.db --to results-monday.db", "while the server runs, or not")]),

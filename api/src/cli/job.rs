@@ -20,6 +20,9 @@ pub(super) struct JobArgs {
     /// Write a drawing of field, path and damage to this file; the run is repeated for it
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
+    /// Write a drawing of the graph of poses to this file, of a run in a nursery with localization; the run is repeated for it
+    #[arg(long, value_name = "FILE")]
+    pose_graph: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -36,9 +39,11 @@ pub(super) async fn run(args: JobArgs) -> Result<(), CliError> {
 
 async fn show(client: &Client, args: &JobArgs) -> Result<(), CliError> {
     let job: Job = client.get(&["v1", "jobs", &args.job], &[]).await?;
-    if let Some(file) = &args.svg {
-        let svg = client.text(&["v1", "jobs", &args.job, "trajectory.svg"], &[]).await?;
-        std::fs::write(file, svg).map_err(CliError::bad_input(format_args!("--svg {}", file.display())))?;
+    let drawings = [("--svg", &args.svg, "trajectory.svg"), ("--pose-graph", &args.pose_graph, "pose-graph.svg")];
+    for (option, file, drawing) in drawings {
+        let Some(file) = file else { continue };
+        let svg = client.text(&["v1", "jobs", &args.job, drawing], &[]).await?;
+        std::fs::write(file, svg).map_err(CliError::bad_input(format_args!("{option} {}", file.display())))?;
     }
     if args.json { output::json(&job) } else { output::line(&text(&job)) }
 }

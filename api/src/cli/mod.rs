@@ -234,6 +234,7 @@ mod tests {
             "furrow retry 3",
             "furrow table 3 --group-by algorithm --metric success --columns field --statistic mean,ci95 --format csv",
             "furrow job 12 --svg out.svg --json",
+            "furrow job 12 --pose-graph graph.svg",
             "furrow replay 12 --mcap out.mcap --db x.db",
             "furrow report 3 --output report.html --url http://127.0.0.1:1",
             "furrow report 3 --format md --db x.db",

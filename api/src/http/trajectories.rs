@@ -55,7 +55,7 @@ pub(super) const FORMS: [Form<Kind>; 2] = [
 ];
 
 pub(super) fn routes() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(get_trajectory)).routes(routes!(get_drawing))
+    OpenApiRouter::new().routes(routes!(get_trajectory)).routes(routes!(get_drawing)).routes(routes!(get_pose_graph))
 }
 
 /// The poses of a finished run, 20 a simulated second.
@@ -98,6 +98,29 @@ async fn get_drawing(State(app): State<App>, Path(name): Path<String>, params: P
     let replay = app.replay(&job).await?;
     let drawing = tokio::task::spawn_blocking(move || draw(&job, &replay)).await;
     let svg = drawing.map_err(|error| Problem::internal(&error))??;
+    Ok(([(CONTENT_TYPE, "image/svg+xml")], svg).into_response())
+}
+
+/// A drawing of the graph of poses by which a robot placed itself in the map of a nursery.
+#[utoipa::path(get, path = "/v1/jobs/{job}/pose-graph.svg", tag = "jobs",
+    params(("job" = inline(JobName), Path, description = "number, key, or the first digits of a key: at least 8")),
+    responses(
+        (status = 200, body = String, content_type = "image/svg+xml"),
+        (status = "default", body = Problem, content_type = "application/problem+json")))]
+async fn get_pose_graph(State(app): State<App>, Path(name): Path<String>, params: Params) -> Result<Response, Problem> {
+    params.finish()?;
+    let job = app.job(&name).await?;
+    let replay = app.replay(&job).await?;
+    let drawing = tokio::task::spawn_blocking(move || {
+        let scenario = scenario(&job)?;
+        let without = || {
+            let kind = scenario.to_value()["localization"]["kind"].clone();
+            let detail = format!("job {} has no graph of poses: its localization is {kind}, not `pose-graph`", job.id);
+            Problem::new(StatusCode::CONFLICT, detail)
+        };
+        svg::pose_graph(&scenario, Seed(job.seed), &replay.nodes, &replay.result).ok_or_else(without)
+    });
+    let svg = drawing.await.map_err(|error| Problem::internal(&error))??;
     Ok(([(CONTENT_TYPE, "image/svg+xml")], svg).into_response())
 }
 

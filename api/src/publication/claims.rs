@@ -27,9 +27,12 @@ pub const TABLE: &str = "claims";
 const FEWEST: u64 = 3;
 
 static FILES: LazyLock<Vec<(&'static str, File)>> = LazyLock::new(|| {
-    [("velasquez2022", include_str!("../../reference/velasquez2022-claims.json"))]
-        .map(|(source, text)| (source, serde_json::from_str(text).expect(COMPILED_IN)))
-        .into()
+    [
+        ("velasquez2022", include_str!("../../reference/velasquez2022-claims.json")),
+        ("vintu2018", include_str!("../../reference/vintu2018-claims.json")),
+    ]
+    .map(|(source, text)| (source, serde_json::from_str(text).expect(COMPILED_IN)))
+    .into()
 });
 
 #[derive(Deserialize)]
@@ -72,6 +75,8 @@ enum Side {
     Above,
     Below,
     AtMost,
+    /// Nearer to 0 than the limit, either way.
+    Within,
 }
 
 /// Runs, and what is measured of them.
@@ -188,6 +193,7 @@ impl Claim {
             Side::Above => (low > limit, high <= limit),
             Side::Below => (high < limit, low >= limit),
             Side::AtMost => (high <= limit, low > limit),
+            Side::Within => (low > -limit && high < limit, low >= limit || high <= -limit),
         };
         match (holds, does_not) {
             (true, _) => Verdict::Holds,
@@ -212,6 +218,7 @@ impl Claim {
             Side::Above => "above",
             Side::Below => "below",
             Side::AtMost => "at most",
+            Side::Within => "nearer to 0 than",
         };
         let decided = match (verdict, ends) {
             (_, None) => "too few runs for an interval",

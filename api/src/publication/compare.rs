@@ -59,7 +59,7 @@ fn is_known(reference: &Reference, cell: &CellData) -> bool {
 /// The combinations of labels of those further factors in which the runs differ: one empty one if they do not.
 fn variants(reference: &Reference, runs: &[&CellData]) -> Vec<BTreeMap<String, String>> {
     let of_table = |factor: &str| factor == reference.column_factor || reference.row_factors.contains(&factor);
-    let further = |factor: &&String| !of_table(factor.as_str());
+    let further = |factor: &&String| !of_table(factor.as_str()) && !reference.pooled.contains(&factor.as_str());
     let differs = |factor: &&String| runs.iter().any(|cell| label(cell, factor) != label(runs[0], factor));
     let factors: Vec<&String> = runs.first().map(|cell| cell.factors.keys().collect()).unwrap_or_default();
     let factors: Vec<&String> = factors.into_iter().filter(further).filter(differs).collect();

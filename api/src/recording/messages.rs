@@ -6,6 +6,7 @@ use foxglove::messages::{
     Timestamp, Vector3,
 };
 use furrow_navigation::perception::Points;
+use furrow_navigation::perception::cloud::{CloudMount, Point3 as InSpace};
 use furrow_sim::Scan;
 
 /// The frame that the field stands still in.
@@ -77,15 +78,37 @@ pub(super) fn laser_scan(time_ns: u64, frame: &str, scan: &Scan<'_>) -> LaserSca
     }
 }
 
+/// Where a 3D LiDAR is on the robot, nose down.
+pub(super) fn mounted([parent, child]: [&str; 2], mount: CloudMount) -> FrameTransform {
+    let (sin, cos) = libm::sincos(0.5 * mount.pitch_down_rad);
+    FrameTransform {
+        timestamp: Some(timestamp(0)),
+        parent_frame_id: parent.to_owned(),
+        child_frame_id: child.to_owned(),
+        translation: Some(Vector3 { x: mount.x_m, y: 0.0, z: mount.height_m }),
+        // Counter-clockwise about y, which points left, takes the nose down.
+        rotation: Some(Quaternion { x: 0.0, y: sin, z: 0.0, w: cos }),
+    }
+}
+
 /// Points in the plane of `frame`, rounded.
 pub(super) fn point_cloud(time_ns: u64, frame: &str, points: &Points) -> PointCloud {
+    cloud(time_ns, frame, points.iter().map(|(x, y)| [x, y, 0.0]))
+}
+
+/// Points in space, rounded.
+pub(super) fn point_cloud_in_space(time_ns: u64, frame: &str, points: &[InSpace]) -> PointCloud {
+    cloud(time_ns, frame, points.iter().map(|point| [point.x, point.y, point.z]))
+}
+
+fn cloud(time_ns: u64, frame: &str, points: impl Iterator<Item = [f64; 3]>) -> PointCloud {
     let field = |(name, i): (&str, u32)| PackedElementField {
         name: name.to_owned(),
         offset: i * COORDINATE,
         r#type: NumericType::Float32.into(),
     };
     let rounded = |metres: f64| ((metres * UNITS_PER_M).round() / UNITS_PER_M) as f32;
-    let coordinates = points.iter().flat_map(|(x, y)| [rounded(x), rounded(y), 0.0]);
+    let coordinates = points.flat_map(|point| point.map(rounded));
     PointCloud {
         timestamp: Some(timestamp(time_ns)),
         frame_id: frame.to_owned(),

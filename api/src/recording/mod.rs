@@ -12,6 +12,7 @@ mod motion;
 mod mount;
 mod recorder;
 mod scene;
+mod space;
 #[cfg(test)]
 mod tests;
 

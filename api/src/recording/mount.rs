@@ -22,6 +22,7 @@ pub(super) struct Mount {
 }
 
 impl Mount {
+    /// Of the planar LiDARs.
     pub(super) fn all(scenario: &Scenario) -> Vec<Self> {
         let (front, back) = (("front", "lidar_front"), ("back", "lidar_back"));
         let mount = |(name, frame), x_m, looks_back, height_m, steps| Self {
@@ -40,6 +41,8 @@ impl Mount {
                 let steps = u64::from(STEPS_PER_S / one.rate_hz.max(1)).max(1);
                 vec![mount(front, one.lidar_x_m, false, one.height_m, steps)]
             }
+            // It sees in space, and has topics of its own.
+            SensorsSpec::Fx10(_) => Vec::new(),
         }
     }
 

@@ -6,7 +6,7 @@ use foxglove::messages::{FrameTransform, FrameTransforms, LaserScan, PointCloud,
 use furrow_navigation::perception::Points;
 use furrow_sim::field::Field;
 use furrow_sim::run::STEPS_PER_S;
-use furrow_sim::{Detection, Part, Pose, Probe, Scan};
+use furrow_sim::{Detection, InSpace, Part, Pose, Probe, Scan};
 use mcap::McapError;
 
 use super::facts::{Motion, Outcome, metadata};
@@ -14,6 +14,7 @@ use super::file::{File, Topic};
 use super::messages::{BASE, WORLD, laser_scan, point_cloud, transform};
 use super::motion::Motions;
 use super::mount::Mount;
+use super::space::SpaceEye;
 use super::{Run, scene};
 
 /// One step of the loop.
@@ -32,6 +33,7 @@ pub(super) struct Recorder<'a, W: Write> {
     run: &'a Run<'a>,
     file: File<W>,
     eyes: Vec<Eye>,
+    space: Option<SpaceEye>,
     transforms: Topic<FrameTransform>,
     motions: Topic<Motion>,
     interventions: Topic<SceneUpdate>,
@@ -58,7 +60,9 @@ impl<'a, W: Write> Recorder<'a, W> {
         let mounts = eyes
             .iter()
             .map(|Eye { mount, .. }| transform(0, [BASE, mount.frame], mount.robot_from_lidar(), mount.height_m));
-        let fixed = FrameTransforms { transforms: mounts.collect() };
+        let in_space = SpaceEye::mount(run.scenario);
+        let space = in_space.is_some().then(|| SpaceEye::new(&mut file)).transpose()?;
+        let fixed = FrameTransforms { transforms: mounts.chain(in_space).collect() };
         let mut topic = file.topic("/tf_static")?;
         file.write(&mut topic, 0, &fixed)?;
         let mut topic = file.topic("/field")?;
@@ -74,6 +78,7 @@ impl<'a, W: Write> Recorder<'a, W> {
             motion: Motions::new(run, field),
             file,
             eyes,
+            space,
             step: 0,
             looked: 0,
             standing: None,
@@ -156,6 +161,14 @@ impl<W: Write> Probe for Recorder<'_, W> {
 
     fn scanned(&mut self, world_from_lidar: Pose, scan: &Scan<'_>, found: Detection<'_>) {
         self.attempt(|recorder| recorder.saw(world_from_lidar, scan, found));
+    }
+
+    fn scanned_in_space(&mut self, _world_from_robot: Pose, sight: &InSpace<'_>) {
+        self.attempt(|recorder| {
+            recorder.stand()?;
+            let time_ns = recorder.step * STEP_NS;
+            recorder.space.as_mut().map_or(Ok(()), |space| space.write(&mut recorder.file, time_ns, sight))
+        });
     }
 
     /// The robot drives on once in every step, which is how time goes by.

@@ -4,6 +4,7 @@ use foxglove::messages::line_primitive::Type;
 use foxglove::messages::{
     CylinderPrimitive, LinePrimitive, Point3, SceneEntity, SceneUpdate, SpherePrimitive, TextPrimitive, Vector3,
 };
+use furrow_navigation::perception::rows::DetectedRows;
 use furrow_sim::field::lane::FoliageKind;
 use furrow_sim::field::{Field, Plant, PlantKind};
 use furrow_sim::observer::Intervention;
@@ -90,6 +91,7 @@ pub(crate) fn body_m(scenario: &Scenario) -> [f64; 2] {
     match &scenario.robot {
         RobotSpec::TwoWheeled(robot) => [robot.body_length_m, robot.body_width_m],
         RobotSpec::SkidSteer(robot) => [robot.body_length_m, robot.body_width_m],
+        RobotSpec::Tracked(robot) => [robot.body_length_m, robot.body_width_m],
     }
 }
 
@@ -108,6 +110,21 @@ pub(super) fn found(time_ns: u64, mount: &Mount, detection: Detection<'_>) -> Sc
         lifetime: Some(duration(SCANS_SHOWN * mount.period_ns)),
         lines: lines(Type::LineList, ends.collect(), BLUE),
         ..entity(time_ns, mount.frame, "lines")
+    };
+    SceneUpdate { deletions: Vec::new(), entities: vec![found] }
+}
+
+/// The rows that were found in a scan of a 3D LiDAR, until the next one.
+pub(super) fn rows(time_ns: u64, period_ns: u64, rows: &DetectedRows<'_>) -> SceneUpdate {
+    let ends = rows.lines.iter().flatten().flat_map(|line| {
+        let ([x, y], [dx, dy]) = (line.point, line.direction);
+        let foot_m = -(x * dx + y * dy);
+        [foot_m, foot_m + AHEAD_M].map(|along_m| point([x + along_m * dx, y + along_m * dy], 0.0))
+    });
+    let found = SceneEntity {
+        lifetime: Some(duration(SCANS_SHOWN * period_ns)),
+        lines: lines(Type::LineList, ends.collect(), BLUE),
+        ..entity(time_ns, BASE, "rows")
     };
     SceneUpdate { deletions: Vec::new(), entities: vec![found] }
 }

@@ -88,7 +88,7 @@ impl Metric {
 pub(crate) const SUCCESS: &str = "success";
 
 /// All metrics that have a place in tables, in this order.
-static METRICS: [Metric; 55] = [
+static METRICS: [Metric; 66] = [
     Metric::ratio(SUCCESS, "success ratio"),
     Metric::new("mean_squared_error_mm2", "mean squared error", "mm^2", 1),
     Metric::new("points_processed", "points processed", "points", 2),
@@ -146,16 +146,27 @@ static METRICS: [Metric; 55] = [
     Metric::new("closest_plant_m", "closest plant", "m", 3),
     Metric::new("covered_rows_percent", "rows covered", "%", 1),
     Metric::new("damaged_plants_percent", "plants damaged", "%", 1),
+    Metric::new("unavoidable_damage_percent", "plants damaged by the very middle of the lane", "%", 1),
     Metric::new("trajectory_error_mean_m", "trajectory error, mean", "m", 3),
     Metric::new("trajectory_error_std_m", "trajectory error, deviation", "m", 3),
     Metric::new("trajectory_error_p99_m", "trajectory error, 99th percentile", "m", 3),
     Metric::new("trajectory_error_max_m", "trajectory error, largest", "m", 3),
+    Metric::new("localization_error_rms_m", "error of the place in the map, rms", "m", 3),
+    Metric::new("passed_plants", "plants passed", "plants", 1),
+    Metric::new("damaged_plants", "plants damaged", "plants", 1),
+    Metric::new("passable_lanes_percent", "lanes passable", "%", 1),
+    Metric::ratio("passable_field", "share of fields wholly passable"),
     Metric::timing("line_finding_time_ms", "line finding time"),
     Metric::timing("line_finding_time_per_100_points_ms", "line finding time per 100 points"),
     Metric::timing("lane_finding_time_ms", "lane finding time"),
     Metric::timing("lane_estimation_time_ms", "lane estimation time"),
     Metric::timing("control_time_ms", "control time"),
+    Metric::timing("filtering_time_ms", "outlier removal time"),
+    Metric::timing("ground_detection_time_ms", "ground detection time"),
+    Metric::timing("row_detection_time_ms", "row detection time"),
+    Metric::timing("localization_time_ms", "localization time"),
     Metric::timing("computation_time_ms", "computation time"),
+    Metric::timing("ray_casting_time_ms", "ray casting time"),
 ];
 
 /// The metric of this name. One that has no place in the list is described by its name alone.

@@ -26,6 +26,12 @@ impl Pose {
         }
     }
 
+    /// Whether position and heading are finite.
+    #[must_use]
+    pub const fn is_finite(self) -> bool {
+        self.x_m.is_finite() && self.y_m.is_finite() && self.heading_rad.is_finite()
+    }
+
     /// This pose's frame in which `other` is given, seen from where this pose is given: `a_from_b` with `b_from_c` is `a_from_c`.
     #[must_use]
     pub fn compose(self, other: Self) -> Self {
@@ -50,8 +56,13 @@ impl Pose {
     /// A point of this pose's frame in the world \[m\].
     #[must_use]
     pub fn world(&self, x_m: f64, y_m: f64) -> [f64; 2] {
+        self.worlds()(x_m, y_m)
+    }
+
+    /// What takes points of this pose's frame into the world \[m\]: [`world`](Self::world) for many points.
+    pub fn worlds(self) -> impl Fn(f64, f64) -> [f64; 2] {
         let (sin, cos) = libm::sincos(self.heading_rad);
-        [self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m]
+        move |x_m, y_m| [self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m]
     }
 
     /// The pose of a sensor `ahead_m` ahead on the robot's x axis, looking forward or back.

@@ -1,7 +1,7 @@
 //! Missions in the simulator: navigation's, and one that reads no lines, the floor of every comparison.
 
 use furrow_navigation::control::{Fuzzy, WheelSpeeds};
-use furrow_navigation::mission::{LaneParams, RowByRowParams, Step};
+use furrow_navigation::mission::{LaneParams, NurseryParams, RowByRowParams, Step};
 use furrow_navigation::perception::Line;
 
 use crate::Pose;
@@ -15,6 +15,8 @@ furrow_navigation::kinds! {
         HeadingHold(HeadingHoldParams) = "heading-hold",
         /// Along one lane.
         Lane(LaneParams) = "lane",
+        /// All lanes of a nursery, with blind turns between them.
+        Nursery(NurseryParams) = "nursery",
     }
 }
 

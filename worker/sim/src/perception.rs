@@ -3,12 +3,16 @@
 //! The oracle replaces perception only: it hands out the rows' true lines in place of found ones, beside the
 //! same points. Merging, filter, control and row ends stay. It is the ceiling, and the test of the world.
 
+mod nursery;
+
 use furrow_navigation::parameters::{Choice, Kinds, NoParams, Parameter, ParameterError, list};
 use furrow_navigation::perception::lane::Side;
+use furrow_navigation::perception::rows::RowDetectorSpec;
 use furrow_navigation::perception::{
     Found, LaneEstimate, LaneFinder, LaneFinderSpec, LaneView, Line, LineFinder, LineFinderSpec, Points, Scan,
 };
 use furrow_navigation::random::Stream;
+pub(crate) use nursery::RowPerception;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -33,6 +37,8 @@ pub enum PerceptionSpec {
     LineFinder(LineFinderSpec),
     /// A lane finder.
     LaneFinder(LaneFinderSpec),
+    /// A row detector.
+    RowDetector(RowDetectorSpec),
 }
 
 furrow_navigation::kinds! {
@@ -47,16 +53,23 @@ furrow_navigation::kinds! {
 
 impl Kinds for PerceptionSpec {
     fn kinds() -> Vec<&'static str> {
-        [SimulatedPerception::kinds(), LineFinderSpec::kinds(), LaneFinderSpec::kinds()].concat()
+        [SimulatedPerception::kinds(), LineFinderSpec::kinds(), LaneFinderSpec::kinds(), RowDetectorSpec::kinds()]
+            .concat()
     }
 
     fn choices() -> Vec<Choice> {
-        [SimulatedPerception::choices(), LineFinderSpec::choices(), LaneFinderSpec::choices()].concat()
+        [
+            SimulatedPerception::choices(),
+            LineFinderSpec::choices(),
+            LaneFinderSpec::choices(),
+            RowDetectorSpec::choices(),
+        ]
+        .concat()
     }
 
     fn table(kind: &str) -> Option<&'static [Parameter]> {
-        let others = || LineFinderSpec::table(kind).or_else(|| LaneFinderSpec::table(kind));
-        SimulatedPerception::table(kind).or_else(others)
+        let of_2d = || LineFinderSpec::table(kind).or_else(|| LaneFinderSpec::table(kind));
+        SimulatedPerception::table(kind).or_else(of_2d).or_else(|| RowDetectorSpec::table(kind))
     }
 
     fn read_kind(kind: &str, parameters: Map<String, Value>) -> Result<Self, ParameterError> {
@@ -66,6 +79,8 @@ impl Kinds for PerceptionSpec {
             LineFinderSpec::read_kind(kind, parameters).map(Self::LineFinder)
         } else if LaneFinderSpec::table(kind).is_some() {
             LaneFinderSpec::read_kind(kind, parameters).map(Self::LaneFinder)
+        } else if RowDetectorSpec::table(kind).is_some() {
+            RowDetectorSpec::read_kind(kind, parameters).map(Self::RowDetector)
         } else {
             let reason = format!("`{kind}` is unknown, allowed is {}", list(&Self::kinds()));
             Err(ParameterError::new("kind", reason))
@@ -83,9 +98,9 @@ impl Perception {
     /// None where the scenario has no perception of rows.
     pub(crate) fn new(spec: &PerceptionSpec) -> Option<Self> {
         match spec {
-            PerceptionSpec::Simulated(SimulatedPerception::None(_)) | PerceptionSpec::LaneFinder(_) => None,
             PerceptionSpec::Simulated(SimulatedPerception::Oracle(_)) => Some(Self::Oracle(Oracle::default())),
             PerceptionSpec::LineFinder(spec) => Some(Self::Finder(spec.build())),
+            _ => None,
         }
     }
 
@@ -110,7 +125,7 @@ impl LanePerception {
         match spec {
             PerceptionSpec::Simulated(SimulatedPerception::Oracle(_)) => Some(Self::Oracle),
             PerceptionSpec::LaneFinder(spec) => Some(Self::Finder(spec.build(lane_width_m))),
-            PerceptionSpec::Simulated(SimulatedPerception::None(_)) | PerceptionSpec::LineFinder(_) => None,
+            _ => None,
         }
     }
 

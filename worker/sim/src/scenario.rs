@@ -1,13 +1,14 @@
 //! What a run is made of.
 
 use furrow_navigation::control::ControlSpec;
-use furrow_navigation::localization::LocalizationSpec;
+use furrow_navigation::localization::LocalizationSpec as OnBoard;
 use furrow_navigation::parameters::{Choice, Kinds, ParameterError, list};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
 use crate::field::FieldSpec;
 use crate::lidar::SensorsSpec;
+use crate::localization::{InMap, LocalizationSpec};
 use crate::mission::MissionSpec;
 use crate::observer::{LimitsSpec, ObserverSpec};
 use crate::perception::{LanePerception, PerceptionSpec, SimulatedPerception};
@@ -75,6 +76,7 @@ impl Scenario {
         match &self.mission {
             MissionSpec::Lane(_) => self.check_lane(),
             MissionSpec::RowByRow(_) | MissionSpec::HeadingHold(_) => self.check_rows(),
+            MissionSpec::Nursery(_) => self.check_nursery(),
         }
     }
 
@@ -89,9 +91,10 @@ impl Scenario {
         let fits = "for the missions `row-by-row` and `heading-hold`";
         fit(self.field.among_rows(), "field.kind", "`guyonneau2022` or `custom`", fits)?;
         fit(matches!(self.robot, RobotSpec::TwoWheeled(_)), "robot.kind", "`two-wheeled`", fits)?;
-        let finds_rows = !matches!(self.perception, PerceptionSpec::LaneFinder(_));
+        let finds_rows = matches!(self.perception, PerceptionSpec::Simulated(_) | PerceptionSpec::LineFinder(_));
         fit(finds_rows, "perception.kind", "`oracle`, `none` or a line finder", fits)?;
-        fit(matches!(self.localization, LocalizationSpec::RowFilter(_)), "localization.kind", "`row-filter`", fits)?;
+        let filters = matches!(self.localization, LocalizationSpec::OnBoard(OnBoard::RowFilter(_)));
+        fit(filters, "localization.kind", "`row-filter`", fits)?;
         fit(matches!(self.control, ControlSpec::Fuzzy(_)), "control.kind", "`fuzzy`", fits)?;
         fit(matches!(self.observer, ObserverSpec::InterRows(_)), "observer.kind", "`inter-rows`", fits)?;
         let SensorsSpec::TwoPlanarLidars(sensors) = &self.sensors else {
@@ -118,6 +121,26 @@ impl Scenario {
         if !STEPS_PER_S.is_multiple_of(sensors.rate_hz) {
             return Err(ScenarioError::new("sensors.rate_hz", reason));
         }
+        check_ranges(sensors.range_min_m, sensors.range_max_m)
+    }
+
+    /// The parts of a mission in a nursery.
+    fn check_nursery(&self) -> Result<(), ScenarioError> {
+        let fits = "for the mission `nursery`";
+        fit(matches!(self.field, FieldSpec::Vintu2018(_)), "field.kind", "`vintu2018`", fits)?;
+        let drives = matches!(self.robot, RobotSpec::Tracked(_) | RobotSpec::SkidSteer(_));
+        fit(drives, "robot.kind", "`tracked` or `skid-steer`", fits)?;
+        let sees = matches!(
+            self.perception,
+            PerceptionSpec::RowDetector(_) | PerceptionSpec::Simulated(SimulatedPerception::Oracle(_))
+        );
+        fit(sees, "perception.kind", "`oracle` or a row detector", fits)?;
+        fit(InMap::places(&self.localization), "localization.kind", "`none`, `pose-graph` or `oracle`", fits)?;
+        fit(self.control.mid_line().is_some(), "control.kind", "`pid` or `io-linearization`", fits)?;
+        fit(matches!(self.observer, ObserverSpec::Nursery(_)), "observer.kind", "`nursery`", fits)?;
+        let SensorsSpec::Fx10(sensors) = &self.sensors else {
+            return fit(false, "sensors.kind", "`fx10`", fits);
+        };
         check_ranges(sensors.range_min_m, sensors.range_max_m)
     }
 
@@ -227,6 +250,17 @@ pub(crate) mod tests {
         })
     }
 
+    /// The system of Vintu (2018), every part with its defaults.
+    pub(crate) fn nursery() -> Value {
+        json!({
+            "field": {"kind": "vintu2018"}, "robot": {"kind": "tracked"},
+            "sensors": {"kind": "fx10"}, "perception": {"kind": "map-lines"},
+            "localization": {"kind": "pose-graph"}, "control": {"kind": "pid"},
+            "mission": {"kind": "nursery"}, "observer": {"kind": "nursery"},
+            "limits": {"kind": "simulated-time"}
+        })
+    }
+
     fn refused(path: &str, value: Value) -> String {
         refused_in(base(), path, value)
     }
@@ -260,10 +294,14 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn parts_of_rows_and_lanes_do_not_mix() {
+    fn parts_of_rows_lanes_and_nurseries_do_not_mix() {
         Scenario::from_value(lane()).unwrap();
+        Scenario::from_value(nursery()).unwrap();
         for part in ["field", "robot", "sensors", "perception", "localization", "control", "observer"] {
-            for (scenario, other) in [(base(), lane()), (lane(), base())] {
+            for (scenario, other) in [(base(), lane()), (lane(), base()), (base(), nursery()), (nursery(), lane())] {
+                if part == "robot" && other[part] == json!({"kind": "skid-steer"}) && scenario == nursery() {
+                    continue; // A Jackal is one.
+                }
                 let message = refused_in(scenario, &format!("/{part}"), other[part].clone());
                 assert!(message.starts_with(&format!("{part}.kind: must be `")), "{message}");
             }

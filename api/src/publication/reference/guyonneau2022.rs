@@ -83,6 +83,7 @@ fn table(name: &'static str, file: File) -> Reference {
         rows: ALGORITHMS.map(|algorithm| vec![algorithm.to_owned()]).into(),
         column_factor: "field",
         columns,
+        pooled: &[],
         only: &[],
         unpublished: "announced in the paper's method, but not in its tables",
         counts_successes: true,

@@ -2,6 +2,7 @@
 
 mod guyonneau2022;
 mod velasquez2022;
+mod vintu2018;
 
 use std::sync::LazyLock;
 
@@ -11,10 +12,11 @@ use super::error::PublicationError;
 use super::verdict::interval_of_means;
 use crate::table::{Metric, metric};
 
-const SOURCES: [&str; 2] = [guyonneau2022::SOURCE, velasquez2022::SOURCE];
+const SOURCES: [&str; 3] = [guyonneau2022::SOURCE, velasquez2022::SOURCE, vintu2018::SOURCE];
 
-static TABLES: LazyLock<Vec<Reference>> =
-    LazyLock::new(|| guyonneau2022::tables().into_iter().chain(velasquez2022::tables()).collect());
+static TABLES: LazyLock<Vec<Reference>> = LazyLock::new(|| {
+    [guyonneau2022::tables(), velasquez2022::tables(), vintu2018::tables()].into_iter().flatten().collect()
+});
 
 /// Why a file of this folder can be read.
 pub(super) const COMPILED_IN: &str = "the file is compiled in, and a test reads it";
@@ -41,6 +43,8 @@ pub(super) struct Reference {
     pub(super) rows: Vec<Vec<String>>,
     pub(super) column_factor: &'static str,
     pub(super) columns: Vec<Column>,
+    /// Further factors over whose labels the published values are means.
+    pub(super) pooled: &'static [&'static str],
     /// Labels in further factors that runs must have where the sweep has such a factor.
     pub(super) only: &'static [(&'static str, &'static str)],
     /// Why a cell of ours may have no published one.
@@ -176,13 +180,13 @@ mod tests {
 
     #[test]
     fn the_sources_are_as_plans_name_them() {
-        assert_eq!(sources(), ["guyonneau2022", "velasquez2022"]);
+        assert_eq!(sources(), ["guyonneau2022", "velasquez2022", "vintu2018"]);
     }
 
     #[test]
     fn an_unknown_publication_or_table_lists_the_known_ones() {
         let error = tables("nobody2000").unwrap_err().to_string();
-        assert_eq!(error, "unknown publication `nobody2000`: there are guyonneau2022, velasquez2022");
+        assert_eq!(error, "unknown publication `nobody2000`: there are guyonneau2022, velasquez2022, vintu2018");
         let error = find("guyonneau2022", "table-9").map(|table| table.name).unwrap_err().to_string();
         assert!(error.starts_with("guyonneau2022 has no `table-9` here: there are table-2, table-3"), "{error}");
     }

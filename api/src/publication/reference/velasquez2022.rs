@@ -84,6 +84,7 @@ fn empty(name: &'static str, file: &File) -> Reference {
         rows: Vec::new(),
         column_factor: "field",
         columns: Vec::new(),
+        pooled: &[],
         only: &[],
         unpublished: "not in the paper's table",
         counts_successes: false,

@@ -25,6 +25,10 @@ crate::kinds! {
         View(NoParams) = "view",
         /// Its distances and heading by an extended Kalman filter: Velasquez et al. (2022), section 3.3.
         Ekf(lane::ekf::EkfParams) = "ekf",
+        /// None: rows are followed as they are seen.
+        None(NoParams) = "none",
+        /// The pose in the map of a nursery by a graph of poses: Vintu (2018), section 3.4.
+        PoseGraph(GraphParams) = "pose-graph",
         /// Offset, heading and lane width by particles that are weighted by the points alone: a baseline.
         ParticleFilter(lane::particle_filter::ParticleFilterParams) = "particle-filter",
     }
@@ -36,7 +40,7 @@ impl LocalizationSpec {
     pub fn lane_estimator(&self, lane_width_m: f64) -> Option<Box<dyn LaneEstimator>> {
         let start = LaneEstimate::middle(lane_width_m);
         match self {
-            Self::RowFilter(_) => None,
+            Self::RowFilter(_) | Self::None(_) | Self::PoseGraph(_) => None,
             Self::View(_) => Some(Box::new(lane::LastView::new(start))),
             Self::Ekf(params) => Some(Box::new(lane::ekf::Ekf::new(params, start))),
             Self::ParticleFilter(params) => Some(Box::new(lane::particle_filter::ParticleFilter::new(params, start))),

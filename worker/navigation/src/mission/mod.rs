@@ -1,9 +1,11 @@
-//! Which row to follow, when it ends, and how to change to the next one; or a lane from here to its end.
+//! Which row to follow, when it ends, and how to change to the next one; or a lane from here to its end; or all lanes of a nursery.
 
 pub mod lane;
+pub mod nursery;
 pub mod row_by_row;
 
 pub use lane::{LaneFollower, LaneParams};
+pub use nursery::{NurseryMission, NurseryParams, NurserySight, NurseryStep};
 pub use row_by_row::{RowByRow, RowByRowParams};
 
 use crate::control::WheelSpeeds;

@@ -1,6 +1,7 @@
 //! Watches the truth, decides how a run ends, and keeps its metrics. Nothing of it reaches an algorithm.
 
 mod damage;
+pub mod nursery;
 pub mod operator;
 mod progress;
 
@@ -10,6 +11,8 @@ use crate::Pose;
 use crate::field::Field;
 use crate::robot::TwoWheeledParams;
 use crate::run::{Outcome, RunResult};
+pub(crate) use nursery::NurseryObserver;
+pub use nursery::NurseryObserverParams;
 pub use operator::{Cause, Intervention, Operator, OperatorParams, SubCause};
 
 use damage::Damage;
@@ -23,6 +26,8 @@ furrow_navigation::kinds! {
         InterRows(InterRowsParams) = "inter-rows",
         /// An operator who walks beside a robot in a lane, helps where it fails and says why.
         Operator(OperatorParams) = "operator",
+        /// Coverage, damage and the way through the lanes of a nursery.
+        Nursery(NurseryObserverParams) = "nursery",
     }
 }
 

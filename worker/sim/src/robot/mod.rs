@@ -1,9 +1,11 @@
 //! Robots: from commands to motion, and the ground they touch.
 
 pub mod skid_steer;
+pub mod tracked;
 pub mod two_wheeled;
 
 pub use skid_steer::{SkidSteer, SkidSteerParams};
+pub use tracked::{Tracked, TrackedParams};
 pub use two_wheeled::{TwoWheeled, TwoWheeledParams};
 
 furrow_navigation::kinds! {
@@ -13,6 +15,8 @@ furrow_navigation::kinds! {
         TwoWheeled(TwoWheeledParams) = "two-wheeled",
         /// A skid-steered robot with four wheels.
         SkidSteer(SkidSteerParams) = "skid-steer",
+        /// A tracked robot that slips.
+        Tracked(TrackedParams) = "tracked",
     }
 }
 

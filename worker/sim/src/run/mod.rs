@@ -1,12 +1,16 @@
 //! One run: the closed loop, in fixed steps, a pure function of scenario and seed.
 //!
-//! `rows` is the loop of a robot that drives from inter-row to inter-row, `lane` of one that follows a lane.
+//! `rows` is the loop of a robot that drives from inter-row to inter-row, `lane` of one that follows a lane, `nursery` of one with a 3D
+//! LiDAR in a nursery.
 
 mod lane;
+mod nursery;
 mod rows;
 
 use std::collections::BTreeMap;
 
+use furrow_navigation::perception::cloud::{CloudScan, Point3};
+use furrow_navigation::perception::rows::DetectedRows;
 use furrow_navigation::perception::{Found, LaneView, Scan};
 
 use crate::mission::MissionSpec;
@@ -47,11 +51,19 @@ pub enum Part {
     LanePrediction,
     /// The lane estimator on what the finder saw.
     LaneCorrection,
+    /// Outlier removal in a cloud of the 3D LiDAR.
+    Filtering,
+    /// The ground plane in it, and the points above.
+    GroundDetection,
+    /// The row detector on these.
+    RowDetection,
+    /// Localization in the map of a nursery.
+    Localization,
 }
 
 impl Part {
     /// All parts, in the order of the loop.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 13] = [
         Self::Scan,
         Self::LineFindingFront,
         Self::LineFindingBack,
@@ -61,6 +73,10 @@ impl Part {
         Self::LaneFinding,
         Self::LanePrediction,
         Self::LaneCorrection,
+        Self::Filtering,
+        Self::GroundDetection,
+        Self::RowDetection,
+        Self::Localization,
     ];
 
     /// Its kebab-case name.
@@ -76,6 +92,10 @@ impl Part {
             Self::LaneFinding => "lane-finding",
             Self::LanePrediction => "lane-prediction",
             Self::LaneCorrection => "lane-correction",
+            Self::Filtering => "filtering",
+            Self::GroundDetection => "ground-detection",
+            Self::RowDetection => "row-detection",
+            Self::Localization => "localization",
         }
     }
 }
@@ -88,8 +108,12 @@ pub trait Probe {
     fn end(&mut self, _part: Part) {}
     /// The true pose, every 0.05 s of simulated time.
     fn pose(&mut self, _time_s: f64, _world_from_robot: Pose) {}
+    /// A 3D LiDAR's scan was taken at a true pose of the robot, and what was found in it.
+    fn scanned_in_space(&mut self, _world_from_robot: Pose, _sight: &InSpace<'_>) {}
     /// A LiDAR's scan, where it was truly taken, and what was found in it.
     fn scanned(&mut self, _world_from_lidar: Pose, _scan: &Scan<'_>, _found: Detection<'_>) {}
+    /// A node was added to the graph of poses by which the robot places itself in the map of a nursery.
+    fn located(&mut self, _node: &LocatedNode) {}
     /// Asked every 0.25 s of simulated time; true ends the run with [`Outcome::Stopped`].
     fn stop(&mut self) -> bool {
         false
@@ -107,6 +131,26 @@ pub enum Detection<'a> {
     Lane(LaneView),
 }
 
+/// A scan of a 3D LiDAR and what was found in it.
+#[derive(Debug, Clone, Copy)]
+pub struct InSpace<'a> {
+    /// All returns, in the LiDAR's frame.
+    pub cloud: CloudScan<'a>,
+    /// The points above the ground, in the robot's frame \[m\].
+    pub plants: &'a [Point3],
+    /// The rows, in the robot's frame.
+    pub rows: DetectedRows<'a>,
+}
+
+/// A node of a graph of poses.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LocatedNode {
+    /// The pose that the robot believed to have when the node was added.
+    pub map_from_robot: Pose,
+    /// The parts of the map's rows that were matched from it: from (x, y), to (x, y) \[m\].
+    pub matched_m: Vec<[[f64; 2]; 2]>,
+}
+
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Outcome {
@@ -118,6 +162,12 @@ pub enum Outcome {
     Lost,
     /// It was in another inter-row than it should have been.
     WrongRow,
+    /// Its centre crossed a row of a nursery.
+    CrossedRow,
+    /// It entered a lane of a nursery again.
+    SameRow,
+    /// It drove too far away from a nursery.
+    TooFar,
     /// It said that it was done and was not.
     EndedEarly,
     /// The end of the lane was reached, but an operator had to help on the way.
@@ -132,11 +182,14 @@ pub enum Outcome {
 
 impl Outcome {
     /// All outcomes, the good one first.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 12] = [
         Self::Success,
         Self::Crushed,
         Self::Lost,
         Self::WrongRow,
+        Self::CrossedRow,
+        Self::SameRow,
+        Self::TooFar,
         Self::EndedEarly,
         Self::Intervened,
         Self::Stuck,
@@ -152,6 +205,9 @@ impl Outcome {
             Self::Crushed => "crushed",
             Self::Lost => "lost",
             Self::WrongRow => "wrong-row",
+            Self::CrossedRow => "crossed-row",
+            Self::SameRow => "same-row",
+            Self::TooFar => "too-far",
             Self::EndedEarly => "ended-early",
             Self::Intervened => "intervened",
             Self::Stuck => "stuck",
@@ -181,6 +237,7 @@ pub fn simulate(scenario: &Scenario, seed: Seed, probe: &mut impl Probe) -> RunR
     match &scenario.mission {
         MissionSpec::RowByRow(_) | MissionSpec::HeadingHold(_) => rows::simulate(scenario, seed, probe),
         MissionSpec::Lane(params) => lane::simulate(scenario, params, seed, probe),
+        MissionSpec::Nursery(params) => nursery::simulate(scenario, params, seed, probe),
     }
 }
 

@@ -2,13 +2,14 @@
 
 use furrow_navigation::control::{ControlSpec, Fuzzy, WheelSpeeds};
 use furrow_navigation::localization::merge::RobotFromLidar;
-use furrow_navigation::localization::{LocalizationSpec, RowFilter};
+use furrow_navigation::localization::{LocalizationSpec as OnBoard, RowFilter};
 use furrow_navigation::mission::{Brief, RowByRow, Step};
 use furrow_navigation::random::Stream;
 
 use super::{Detection, Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_SAMPLE, Seed, timed};
 use crate::field::Field;
 use crate::lidar::{PlanarLidar, SensorsSpec, TwoPlanarLidarsParams};
+use crate::localization::LocalizationSpec;
 use crate::mission::{HeadingHold, Layout, MissionSpec};
 use crate::observer::Observer;
 use crate::odometry::Odometry;
@@ -78,7 +79,7 @@ impl Pilot {
         let fuzzy = Fuzzy::new(control.clone());
         match &scenario.mission {
             MissionSpec::RowByRow(params) => {
-                let LocalizationSpec::RowFilter(filter) = &scenario.localization else {
+                let LocalizationSpec::OnBoard(OnBoard::RowFilter(filter)) = &scenario.localization else {
                     unreachable!("a scenario is checked")
                 };
                 let brief = Brief { inter_rows: field.inter_rows };
@@ -96,7 +97,7 @@ impl Pilot {
                 let mission = HeadingHold::new(params.clone(), layout, fuzzy);
                 Self::ByHeading { mission, odometry, random: Stream::new(seed.0, "odometry") }
             }
-            MissionSpec::Lane(_) => unreachable!("a lane has a loop of its own"),
+            MissionSpec::Lane(_) | MissionSpec::Nursery(_) => unreachable!("it has a loop of its own"),
         }
     }
 

@@ -3,10 +3,12 @@
 //! Sizes of marks and letters are given in units of which a drawing is 16 wide, whatever the field's size.
 
 mod lane;
+mod nursery;
 
 use std::fmt::Write as _;
 
 use crate::field::{Field, PlantKind};
+use crate::run::LocatedNode;
 use crate::{Pose, RunResult, Scenario, Seed};
 
 /// Space around all that is drawn \[m\].
@@ -44,6 +46,9 @@ pub fn trajectory(scenario: &Scenario, seed: Seed, path: &[Pose], result: &RunRe
     if let Some(lane) = &field.lane {
         return lane::run((&field, lane), path, result, &lane::caption(scenario, &field, seed, result));
     }
+    if field.nursery.is_some() {
+        return nursery::run(&field, path, &result.damaged, &nursery_caption(scenario, &field, seed, result));
+    }
     let mut sheet = Sheet::new(&field, path);
     sheet.draw_axes();
     sheet.draw_plants(&field, &result.damaged);
@@ -52,6 +57,34 @@ pub fn trajectory(scenario: &Scenario, seed: Seed, path: &[Pose], result: &RunRe
     sheet.draw_caption(&caption(scenario, &field, seed, result));
     sheet.draw_key(field.plants.iter().any(|plant| plant.kind == PlantKind::Weed), !result.damaged.is_empty());
     sheet.svg + "</svg>\n"
+}
+
+/// The graph of a run's poses over the map of its nursery; none of a run elsewhere, or without a graph.
+#[must_use]
+pub fn pose_graph(scenario: &Scenario, seed: Seed, nodes: &[LocatedNode], result: &RunResult) -> Option<String> {
+    let field = scenario.field.build(seed.0);
+    let nursery = field.nursery.as_ref().filter(|_| !nodes.is_empty())?;
+    let caption = format!("{}; {} nodes", nursery_caption(scenario, &field, seed, result), nodes.len());
+    Some(nursery::graph((&field, nursery), nodes, &caption))
+}
+
+/// What was run, and how much of the rows it covered.
+fn nursery_caption(scenario: &Scenario, field: &Field, seed: Seed, result: &RunResult) -> String {
+    let scenario = scenario.to_value();
+    let kind = |part: &str| scenario[part]["kind"].as_str().unwrap_or_default().to_owned();
+    let percent = |name: &str| result.metrics.get(name).copied().unwrap_or(0.0);
+    format!(
+        "{}, localization {}, {}, {}, seed {}: {}, {:.1} % covered, {:.1} % damaged, {:.0} s",
+        kind("perception"),
+        kind("localization"),
+        kind("control"),
+        field.name,
+        seed.0,
+        result.outcome.name(),
+        percent("covered_rows_percent"),
+        percent("damaged_plants_percent"),
+        percent("simulated_s")
+    )
 }
 
 /// The algorithm, the field, the seed and what became of the run.
@@ -236,8 +269,6 @@ impl Sheet {
 
     /// What the marks mean, as far as they are there.
     fn draw_key(&mut self, weeds: bool, damage: bool) {
-        let y = self.bottom() + 1.85;
-        let mut x = LEFT + 0.15;
         let marks: [(&str, bool, f64, Mark); 6] = [
             ("start and heading", true, 0.6, |sheet, place| sheet.draw_start_at(place, 0.0)),
             ("travel", true, 0.2, |sheet, place| sheet.draw_arrow(place, 0.0)),
@@ -246,7 +277,14 @@ impl Sheet {
             ("weed", weeds, 0.15, |sheet, place| sheet.dot(place, 0.08, WEED)),
             ("crop plant run over", damage, 0.25, |sheet, place| sheet.draw_damaged(place, SMALLEST_STEM)),
         ];
-        for (word, _, width, draw) in marks.into_iter().filter(|(_, shown, ..)| *shown) {
+        self.draw_marks(&marks);
+    }
+
+    /// A mark with its word, whether it is shown, and its width \[units\], one after the other.
+    fn draw_marks(&mut self, marks: &[(&str, bool, f64, Mark)]) {
+        let y = self.bottom() + 1.85;
+        let mut x = LEFT + 0.15;
+        for (word, _, width, draw) in marks.iter().copied().filter(|(_, shown, ..)| *shown) {
             draw(self, (x, y));
             self.text((x + width, y + 0.09), "start", word);
             x += width + 0.6 + 0.14 * word.len() as f64;

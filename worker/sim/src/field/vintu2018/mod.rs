@@ -211,8 +211,7 @@ mod tests {
     #[test]
     fn the_garden_is_four_rows_of_nine_with_gaps() {
         for seed in 1..10 {
-            let garden =
-                Vintu2018Params { site: Site::RealGarden, seed: FieldSeed::Fixed(seed), ..Default::default() };
+            let garden = Vintu2018Params { site: Site::RealGarden, seed: FieldSeed::Fixed(seed), ..Default::default() };
             let (field, nursery) = nursery(&garden);
             let map = nursery.map;
             assert_eq!((map.rows, map.plants_per_row), (4, 9));

@@ -1,0 +1,267 @@
+//! Every lane of a nursery, one after the other: Vintu (2018), section 3.5, figures 3.11 and 3.12.
+//!
+//! Between two lanes it drives blind: a turn of 180 degrees, back by the row distance D, 45 degrees towards the next
+//! lane, ahead by D sqrt(2), 45 degrees back. `guide` chooses the line to follow, `manoeuvre` drives blind.
+
+mod guide;
+mod manoeuvre;
+
+use crate::Pose;
+use crate::control::{MidLine, MidLineControl, Twist};
+use crate::localization::PlantingMap;
+use crate::perception::cloud::Point3;
+use crate::perception::rows::DetectedRows;
+
+use guide::Guide;
+use manoeuvre::Manoeuvre;
+
+crate::parameters! {
+    /// Parameters of [`NurseryMission`].
+    pub struct NurseryParams {
+        /// Forward speed while two lines are awaited. Ours.
+        pub search_speed_m_s: f64 = 0.3, "m/s", [0.01, 5.0];
+        /// Forward speed out of a row. Ours: as in the rows.
+        pub exit_speed_m_s: f64 = 0.8, "m/s", [0.01, 5.0];
+        /// Largest speed between rows, ahead and back. Ours.
+        pub blind_speed_m_s: f64 = 0.5, "m/s", [0.01, 5.0];
+        /// Largest yaw rate to either side. Ours.
+        pub max_yaw_rate_rad_s: f64 = 0.8, "rad/s", [0.01, 10.0];
+        /// The robot turns when its centre is this far beyond the last plants. Ours.
+        pub exit_distance_m: f64 = 1.0, "m", [0.0, 10.0];
+        /// A row ends, by perception, at fewer plant points than this. Ours.
+        pub end_points: u32 = 15, "1", [1, 100000];
+        /// Only points farther ahead than this count. Ours.
+        pub end_ahead_m: f64 = 1.0, "m", [0.0, 10.0];
+        /// In so many scans one after the other. Ours.
+        pub end_scans: u32 = 3, "1", [1, 1000];
+        /// With localization: a lane is entered by the map for so far. Ours; the thesis says a few metres.
+        pub enter_distance_m: f64 = 3.0, "m", [0.0, 100.0];
+        /// With localization: a detected line farther than this from its row in the map is dropped. Ours.
+        pub line_gate_m: f64 = 0.35, "m", [0.01, 10.0];
+        /// With localization: so is one at a larger angle to it. Ours: 15 degrees.
+        pub line_gate_rad: f64 = 15.0 * std::f64::consts::PI / 180.0, "rad", [0.01, 1.5];
+    }
+}
+
+/// What the mission is told at each scan.
+#[derive(Debug, Clone, Copy)]
+pub struct NurserySight<'a> {
+    /// What was detected.
+    pub rows: DetectedRows<'a>,
+    /// Plant points ahead that count for the end of a row: see [`NurseryMission::points_ahead`].
+    pub points_ahead: u32,
+    /// Where the robot is by its wheels alone.
+    pub odometry_from_robot: Pose,
+    /// Where it is in the map, with localization.
+    pub map_from_robot: Option<Pose>,
+}
+
+/// What the mission wants after a scan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum NurseryStep {
+    /// Drive on.
+    Drive(Twist),
+    /// All lanes are driven through.
+    Finished,
+}
+
+/// The states of figure 3.11; the turns, the drive backward and the drive forward are the legs of a manoeuvre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum State {
+    Start,
+    Search,
+    Enter,
+    Follow {
+        few_scans: u32,
+    },
+    Exit {
+        from: Pose,
+        distance_m: f64,
+    },
+    Change(Manoeuvre),
+    End,
+    /// A fault: a pose that is no number. Only a new start leads out.
+    Stop,
+}
+
+/// The mission.
+pub struct NurseryMission {
+    params: NurseryParams,
+    map: PlantingMap,
+    /// From the robot's centre to where the middle of a LiDAR's view first meets the rows beside it \[m\].
+    blind_m: f64,
+    control: Box<dyn MidLineControl>,
+    state: State,
+    lane: u32,
+    /// Of the last pose in the map, so that headings go on across half a turn \[rad\].
+    heading_rad: f64,
+}
+
+impl NurseryMission {
+    /// A mission at the beginning of the first lane of `map`; `view` is where its LiDAR is ahead of the robot's centre \[m\]
+    /// and half its horizontal field of view \[rad\].
+    #[must_use]
+    pub fn new(
+        params: NurseryParams,
+        map: PlantingMap,
+        (lidar_x_m, half_view_rad): (f64, f64),
+        control: Box<dyn MidLineControl>,
+    ) -> Self {
+        let blind_m = lidar_x_m + 0.5 * map.row_distance_m / libm::tan(half_view_rad);
+        Self { params, map, blind_m, control, state: State::Start, lane: 0, heading_rad: 0.0 }
+    }
+
+    /// The lane that it drives in, or that it will be in next; counted from 0.
+    #[must_use]
+    pub const fn lane(&self) -> u32 {
+        self.lane
+    }
+
+    /// From the robot's centre to where the LiDAR's view first meets the rows beside it \[m\].
+    #[must_use]
+    pub const fn blind_m(&self) -> f64 {
+        self.blind_m
+    }
+
+    /// How many of `points` count for the end of a row: ahead, and not beyond the rows beside the robot's own (ours).
+    #[must_use]
+    pub fn points_ahead(&self, points: &[Point3]) -> u32 {
+        let reach_m = self.map.row_distance_m;
+        let counts = |point: &&Point3| point.x > self.params.end_ahead_m && point.y.abs() <= reach_m;
+        points.iter().filter(counts).count() as u32
+    }
+
+    /// One scan, `dt_s` \[s\] after the last one.
+    pub fn step(&mut self, sight: &NurserySight<'_>, dt_s: f64) -> NurseryStep {
+        let sight = &NurserySight { map_from_robot: self.unwound(sight.map_from_robot), ..*sight };
+        if !self.pose(sight).is_finite() || !sight.odometry_from_robot.is_finite() {
+            self.state = State::Stop;
+        }
+        self.advance(sight);
+        let twist = match self.state {
+            State::End => return NurseryStep::Finished,
+            State::Start | State::Stop => Twist::default(),
+            State::Search => Twist { linear_m_s: self.params.search_speed_m_s, angular_rad_s: 0.0 },
+            State::Enter => self.along(self.guide(sight).by_map(), dt_s),
+            State::Follow { .. } => self.along(self.guide(sight).line(&sight.rows), dt_s),
+            State::Exit { from, .. } => self.exit(from, sight, dt_s),
+            State::Change(manoeuvre) => manoeuvre.drive(self.pose(sight), &self.params),
+        };
+        NurseryStep::Drive(twist)
+    }
+
+    /// Goes from state to state as long as one is done.
+    fn advance(&mut self, sight: &NurserySight<'_>) {
+        match self.state {
+            State::Start => self.state = State::Follow { few_scans: 0 },
+            State::Search if sight.map_from_robot.is_some() => self.state = State::Enter,
+            State::Search if sight.rows.lines.iter().all(Option::is_some) => self.follow(),
+            State::Enter if self.lane_x_m(sight).is_none_or(|x_m| x_m >= self.params.enter_distance_m) => self.follow(),
+            State::Follow { few_scans } => self.watch_for_the_end(few_scans, sight),
+            State::Exit { from, distance_m } if self.has_left(from, distance_m, sight) => self.change(sight),
+            State::Change(ref mut manoeuvre) => {
+                let pose = sight.map_from_robot.unwrap_or(sight.odometry_from_robot);
+                if manoeuvre.is_done(pose) {
+                    self.state = State::Search;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn follow(&mut self) {
+        self.control.restart();
+        self.state = State::Follow { few_scans: 0 };
+    }
+
+    /// The end of a row: by the map with localization, else by too few plant points.
+    fn watch_for_the_end(&mut self, few_scans: u32, sight: &NurserySight<'_>) {
+        let from = self.pose(sight);
+        if let Some(x_m) = self.lane_x_m(sight) {
+            if x_m >= self.map.row_length_m() {
+                self.state = State::Exit { from, distance_m: self.params.exit_distance_m };
+            }
+            return;
+        }
+        let few_scans = if sight.points_ahead < self.params.end_points { few_scans + 1 } else { 0 };
+        self.state = if few_scans >= self.params.end_scans {
+            // The last plants are where the LiDAR's view begins.
+            State::Exit { from, distance_m: self.blind_m + self.params.exit_distance_m }
+        } else {
+            State::Follow { few_scans }
+        };
+    }
+
+    /// By the map with localization, else straight on.
+    fn exit(&mut self, from: Pose, sight: &NurserySight<'_>, dt_s: f64) -> Twist {
+        if sight.map_from_robot.is_some() {
+            let line = self.guide(sight).by_map();
+            return self.along(line, dt_s);
+        }
+        let turned_rad = from.heading_rad - sight.odometry_from_robot.heading_rad;
+        Twist { linear_m_s: self.params.exit_speed_m_s, angular_rad_s: self.limited(2.0 * turned_rad) }
+    }
+
+    fn has_left(&self, from: Pose, distance_m: f64, sight: &NurserySight<'_>) -> bool {
+        match self.lane_x_m(sight) {
+            Some(x_m) => x_m >= self.map.row_length_m() + self.params.exit_distance_m,
+            None => from.local(sight.odometry_from_robot.x_m, sight.odometry_from_robot.y_m).0 >= distance_m,
+        }
+    }
+
+    /// The end after the last lane, else over to the next one.
+    fn change(&mut self, sight: &NurserySight<'_>) {
+        if self.lane + 1 >= self.map.lanes() {
+            self.state = State::End;
+            return;
+        }
+        // Even lanes are driven along x: there the next lane is to the left if lanes follow each other to the left.
+        let next_is_left = self.lane.is_multiple_of(2) == self.map.lanes_to_the_left;
+        let heading_rad = match sight.map_from_robot {
+            Some(pose) => nearest_turn(self.lane_heading_rad(), pose.heading_rad),
+            None => sight.odometry_from_robot.heading_rad,
+        };
+        self.lane += 1;
+        self.state = State::Change(Manoeuvre::new(heading_rad, next_is_left, self.map.row_distance_m));
+    }
+
+    /// The pose with its heading a whole number of turns away, nearest to the last one.
+    fn unwound(&mut self, map_from_robot: Option<Pose>) -> Option<Pose> {
+        let pose = map_from_robot?;
+        self.heading_rad = nearest_turn(pose.heading_rad, self.heading_rad);
+        Some(Pose { heading_rad: self.heading_rad, ..pose })
+    }
+
+    /// The pose that blind driving goes by.
+    fn pose(&self, sight: &NurserySight<'_>) -> Pose {
+        sight.map_from_robot.unwrap_or(sight.odometry_from_robot)
+    }
+
+    fn guide(&self, sight: &NurserySight<'_>) -> Guide<'_> {
+        Guide { params: &self.params, map: &self.map, lane: self.lane, map_from_robot: sight.map_from_robot }
+    }
+
+    fn along(&mut self, line: Option<MidLine>, dt_s: f64) -> Twist {
+        line.map_or_else(Twist::default, |line| self.control.steer(line, dt_s))
+    }
+
+    fn lane_heading_rad(&self) -> f64 {
+        if self.lane.is_multiple_of(2) { 0.0 } else { std::f64::consts::PI }
+    }
+
+    /// How far beyond the first plants of its lane the robot is, in the direction of travel \[m\]; with localization.
+    fn lane_x_m(&self, sight: &NurserySight<'_>) -> Option<f64> {
+        let x_m = sight.map_from_robot?.x_m;
+        Some(if self.lane.is_multiple_of(2) { x_m } else { self.map.row_length_m() - x_m })
+    }
+
+    fn limited(&self, yaw_rate_rad_s: f64) -> f64 {
+        yaw_rate_rad_s.clamp(-self.params.max_yaw_rate_rad_s, self.params.max_yaw_rate_rad_s)
+    }
+}
+
+/// `angle_rad` plus as many whole turns as bring it nearest to `near_rad`.
+fn nearest_turn(angle_rad: f64, near_rad: f64) -> f64 {
+    let turn = 2.0 * std::f64::consts::PI;
+    angle_rad + turn * ((near_rad - angle_rad) / turn).round()
+}

@@ -1,0 +1,316 @@
+//! The plant points around the robot, one per voxel, and their clusters: the local map of Vintu (2018), section 3.3.4.
+//!
+//! Clusters are kept from scan to scan and are exactly those that [`Clusters`](super::Clusters) would find from nothing: a new point
+//! joins the clusters it is near to, and where points are dropped only the clusters that lost some are built anew.
+//!
+//! Deviation: a voxel's point is the centroid of the points of the scan that first filled it, and later scans, redundant there, change
+//! nothing; the library would average again. What has left the window is dropped whenever the robot has moved a quarter of a metre.
+
+use super::Point3;
+use super::cells::{CellTable, END, Key, NONE, around, key};
+use crate::Pose;
+
+/// What has left the window is dropped after so much way \[m\].
+const SWEEP_M: f64 = 0.25;
+
+/// A plant, or several that touch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cluster {
+    /// Points, of a voxel each.
+    pub size: u32,
+    /// Mean of its points, in the odometry's frame \[m\].
+    pub centroid: Point3,
+}
+
+/// The map.
+#[derive(Debug, Clone)]
+pub struct LocalMap {
+    window_m: f64,
+    tolerance_m: f64,
+    voxels_per_m: f64,
+    /// In the odometry's frame; the oldest first.
+    points: Vec<Point3>,
+    /// Points of the scan that filled a voxel.
+    counts: Vec<u32>,
+    /// Another point of the same cluster, itself in the end.
+    parents: Vec<u32>,
+    /// The point of each voxel.
+    voxels: CellTable,
+    voxel_of: Vec<Key>,
+    /// Lists of points by cells as large as the tolerance.
+    cells: CellTable,
+    cell_of: Vec<Key>,
+    next: Vec<u32>,
+    swept_at: Option<Pose>,
+    lost: Vec<bool>,
+    /// Where a point goes when others are dropped.
+    moves: Vec<u32>,
+    sums: Vec<Cluster>,
+    clusters: Vec<Cluster>,
+}
+
+impl LocalMap {
+    /// An empty map with voxels of `voxel_m`, reaching `window_m` from the robot; points are linked over `tolerance_m`.
+    #[must_use]
+    pub fn new(voxel_m: f64, window_m: f64, tolerance_m: f64) -> Self {
+        Self {
+            window_m,
+            tolerance_m,
+            voxels_per_m: 1.0 / voxel_m,
+            points: Vec::new(),
+            counts: Vec::new(),
+            parents: Vec::new(),
+            voxels: CellTable::default(),
+            voxel_of: Vec::new(),
+            cells: CellTable::default(),
+            cell_of: Vec::new(),
+            next: Vec::new(),
+            swept_at: None,
+            lost: Vec::new(),
+            moves: Vec::new(),
+            sums: Vec::new(),
+            clusters: Vec::new(),
+        }
+    }
+
+    /// Adds the points of a scan \[m\], given in the robot's frame; those beyond the window, or no numbers, are left out.
+    pub fn insert(&mut self, points: &[Point3], odometry_from_robot: Pose) {
+        if !odometry_from_robot.is_finite() {
+            return;
+        }
+        self.sweep(odometry_from_robot);
+        let first = self.points.len();
+        let to_odometry = odometry_from_robot.worlds();
+        let square = self.window_m * self.window_m;
+        for point in points.iter().filter(|point| point.x * point.x + point.y * point.y <= square) {
+            let [x, y] = to_odometry(point.x, point.y);
+            self.fill(Point3 { x, y, z: point.z }, first);
+        }
+        for i in first..self.points.len() {
+            let n = f64::from(self.counts[i]);
+            let Point3 { x, y, z } = self.points[i];
+            self.points[i] = Point3 { x: x / n, y: y / n, z: z / n };
+            self.enlist(i);
+            self.link(i);
+        }
+    }
+
+    /// Adds a point to its voxel, unless an earlier scan did; points of this scan are summed up.
+    fn fill(&mut self, point: Point3, first: usize) {
+        let Some(voxel) = key(&point, self.voxels_per_m) else { return };
+        let new = self.points.len() as u32;
+        let number = self.voxels.entry(voxel);
+        if *number == NONE {
+            *number = new;
+            self.points.push(point);
+            self.counts.push(1);
+            self.parents.push(new);
+            self.voxel_of.push(voxel);
+        } else if *number as usize >= first {
+            let i = *number as usize;
+            let Point3 { x, y, z } = self.points[i];
+            self.points[i] = Point3 { x: x + point.x, y: y + point.y, z: z + point.z };
+            self.counts[i] += 1;
+        }
+    }
+
+    /// Puts a point into the list of its cell.
+    fn enlist(&mut self, i: usize) {
+        let cell = key(&self.points[i], 1.0 / self.tolerance_m).unwrap_or_default();
+        let next = self.cells.push(cell, i as u32);
+        self.cell_of.push(cell);
+        self.next.push(next);
+    }
+
+    /// Joins the clusters that a point is near to.
+    fn link(&mut self, i: usize) {
+        let (point, square) = (self.points[i], self.tolerance_m * self.tolerance_m);
+        for cell in around(self.cell_of[i]) {
+            let mut other = self.cells.get(cell).unwrap_or(END);
+            while other != END {
+                if point.squared_distance(&self.points[other as usize]) <= square {
+                    self.join(i as u32, other);
+                }
+                other = self.next[other as usize];
+            }
+        }
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (root(&mut self.parents, a), root(&mut self.parents, b));
+        // The older point stands for the cluster.
+        self.parents[a.max(b) as usize] = a.min(b);
+    }
+
+    /// Drops what has left the window, if the robot has moved on.
+    fn sweep(&mut self, robot: Pose) {
+        let squared = |x: f64, y: f64| (x - robot.x_m) * (x - robot.x_m) + (y - robot.y_m) * (y - robot.y_m);
+        if self.swept_at.is_some_and(|pose| squared(pose.x_m, pose.y_m) < SWEEP_M * SWEEP_M) {
+            return;
+        }
+        self.swept_at = Some(robot);
+        let square = self.window_m * self.window_m;
+        self.lost.clear();
+        self.lost.resize(self.points.len(), false);
+        self.moves.clear();
+        let mut kept = 0;
+        for i in 0..self.points.len() {
+            let stays = squared(self.points[i].x, self.points[i].y) <= square;
+            if !stays {
+                let root = root(&mut self.parents, i as u32);
+                self.lost[root as usize] = true;
+            }
+            self.moves.push(if stays { kept } else { NONE });
+            kept += u32::from(stays);
+        }
+        if (kept as usize) < self.points.len() {
+            self.drop_points();
+        }
+    }
+
+    /// Drops the points that move nowhere, and builds the clusters that lost points anew.
+    fn drop_points(&mut self) {
+        // Roots stay where they are until all points know theirs; the lists are made anew below.
+        self.next.clear();
+        for i in 0..self.points.len() {
+            let root = root(&mut self.parents, i as u32);
+            self.next.push(if self.lost[root as usize] { NONE } else { root });
+        }
+        for i in 0..self.points.len() {
+            let to = self.moves[i] as usize;
+            if self.moves[i] == NONE {
+                continue;
+            }
+            self.points[to] = self.points[i];
+            self.voxel_of[to] = self.voxel_of[i];
+            self.cell_of[to] = self.cell_of[i];
+            let root = self.next[i];
+            self.parents[to] = if root == NONE { NONE } else { self.moves[root as usize] };
+        }
+        let kept = self.moves.iter().filter(|to| **to != NONE).count();
+        self.points.truncate(kept);
+        self.counts.truncate(kept);
+        self.parents.truncate(kept);
+        self.voxel_of.truncate(kept);
+        self.cell_of.truncate(kept);
+        self.index();
+        self.lost.clear();
+        self.lost.extend(self.parents.iter().map(|parent| *parent == NONE));
+        (0..kept).filter(|i| self.lost[*i]).for_each(|i| self.parents[i] = i as u32);
+        for i in 0..kept {
+            if self.lost[i] {
+                self.link(i);
+            }
+        }
+    }
+
+    /// Both tables and the lists, anew.
+    fn index(&mut self) {
+        self.voxels.clear(self.points.len());
+        self.cells.clear(self.points.len());
+        self.next.clear();
+        for i in 0..self.points.len() {
+            *self.voxels.entry(self.voxel_of[i]) = i as u32;
+            self.next.push(self.cells.push(self.cell_of[i], i as u32));
+        }
+    }
+
+    /// Clusters of at least `min_size` points: the largest first, of equal ones that with the oldest point.
+    pub fn clusters(&mut self, min_size: u32) -> &[Cluster] {
+        self.sums.clear();
+        self.sums.resize(self.points.len(), Cluster { size: 0, centroid: Point3::default() });
+        for (i, point) in self.points.iter().enumerate() {
+            let root = root(&mut self.parents, i as u32);
+            let Cluster { size, centroid: Point3 { x, y, z } } = &mut self.sums[root as usize];
+            (*size, *x, *y, *z) = (*size + 1, *x + point.x, *y + point.y, *z + point.z);
+        }
+        let mean = |Cluster { size, centroid }: &Cluster| {
+            let n = f64::from(*size);
+            Cluster { size: *size, centroid: Point3 { x: centroid.x / n, y: centroid.y / n, z: centroid.z / n } }
+        };
+        self.clusters.clear();
+        self.clusters.extend(self.sums.iter().filter(|sum| sum.size >= min_size.max(1)).map(mean));
+        self.clusters.sort_by_key(|cluster| std::cmp::Reverse(cluster.size));
+        &self.clusters
+    }
+
+    /// All points, in the odometry's frame \[m\], the oldest first.
+    #[must_use]
+    pub fn points(&self) -> &[Point3] {
+        &self.points
+    }
+}
+
+/// The point that stands for the cluster of point `i`; halves the way there.
+fn root(parents: &mut [u32], mut i: u32) -> u32 {
+    while parents[i as usize] != i {
+        let parent = parents[i as usize];
+        parents[i as usize] = parents[parent as usize];
+        i = parent;
+    }
+    i
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Clusters;
+    use super::*;
+    use crate::random::Stream;
+    use proptest::prelude::*;
+
+    /// Sizes and centroids in order, as `Clusters` finds them from nothing.
+    fn from_nothing(points: &[Point3], tolerance_m: f64, min_size: u32) -> Vec<Cluster> {
+        let mut clusters = Clusters::default();
+        let found = clusters.find(points, tolerance_m, min_size).map(|indices| {
+            let mut indices = indices.to_vec();
+            indices.sort_unstable();
+            let mut sum = Cluster { size: indices.len() as u32, centroid: Point3::default() };
+            for i in &indices {
+                let point = points[*i as usize];
+                let Point3 { x, y, z } = sum.centroid;
+                sum.centroid = Point3 { x: x + point.x, y: y + point.y, z: z + point.z };
+            }
+            let (n, Point3 { x, y, z }) = (f64::from(sum.size), sum.centroid);
+            Cluster { centroid: Point3 { x: x / n, y: y / n, z: z / n }, ..sum }
+        });
+        found.collect()
+    }
+
+    proptest! {
+        #[test]
+        fn clusters_are_those_found_from_nothing_wherever_the_robot_drives(seed in any::<u64>(), tolerance_m in 0.04..0.25_f64) {
+            let mut random = Stream::new(seed, "map");
+            let mut map = LocalMap::new(0.03, 1.0, tolerance_m);
+            let mut pose = Pose::default();
+            for _ in 0..25 {
+                pose = pose.moved(random.between(-0.1, 0.4), random.between(-0.5, 0.5));
+                let mut point = || Point3 { x: random.between(-1.3, 1.3), y: random.between(-1.3, 1.3), z: random.between(0.0, 0.2) };
+                let scan: Vec<_> = (0..60).map(|_| point()).collect();
+                map.insert(&scan, pose);
+                let expected = from_nothing(map.points(), tolerance_m, 2);
+                prop_assert_eq!(map.clusters(2), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn a_voxel_holds_the_centroid_of_the_scan_that_filled_it() {
+        let mut map = LocalMap::new(0.1, 6.0, 0.2);
+        let at = |x: f64| Point3 { x, y: 0.05, z: 0.05 };
+        map.insert(&[at(1.02), at(1.06), at(2.0)], Pose::default());
+        map.insert(&[at(1.09)], Pose::default());
+        assert_eq!(map.points(), [at(1.04), at(2.0)]);
+    }
+
+    #[test]
+    fn what_the_robot_leaves_behind_is_dropped_and_what_is_no_number_never_comes_in() {
+        let mut map = LocalMap::new(0.03, 6.0, 0.06);
+        let post = [Point3 { x: 1.0, y: 0.0, z: 0.5 }, Point3 { x: f64::NAN, y: 0.0, z: 0.0 }];
+        for i in 0..200 {
+            map.insert(&post, Pose { x_m: 0.1 * f64::from(i), ..Pose::default() });
+            map.insert(&post, Pose { x_m: f64::NAN, ..Pose::default() });
+        }
+        assert!((60..90).contains(&map.points().len()), "{}", map.points().len());
+        assert!(map.points().iter().all(|point| point.x > 19.9 - 6.3));
+    }
+}

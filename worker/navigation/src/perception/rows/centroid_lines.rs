@@ -1,0 +1,122 @@
+//! Lines through the centroids of plants that the last scans showed.
+//!
+//! Vintu (2018), section 3.3.3. Silent there, ours: the queue is kept in the odometry's frame; a group of the second
+//! clustering that reaches to both sides of the robot, as in plantings as wide as they are long, is divided between them; of each side the
+//! largest group counts; lines are found as `pcl-lines` finds them.
+
+use std::collections::VecDeque;
+
+use super::{DetectedRows, PlantPoints, RowDetector, RowLine};
+use crate::Pose;
+use crate::localization::PlantingMap;
+use crate::perception::cloud::line::LineSearch;
+use crate::perception::cloud::{Clusters, Point3};
+use crate::random::Stream;
+
+super::row_parameters! {
+    /// Parameters of [`CentroidLines`].
+    pub struct CentroidLinesParams {
+        /// Centroids that are kept. Paper: 20, table 4.5.
+        pub cluster_limit: u32 = 20, "1", [2, 10000];
+        /// Points of one plant are linked over gaps up to this. Paper: 0.1, table 4.5.
+        pub cluster_tolerance_m: f64 = 0.1, "m", [0.001, 5.0];
+        /// Points of a plant at least. Paper: 10, table 4.5.
+        pub min_cluster_size: u32 = 10, "1", [1, 10000];
+        /// Plants of one row are linked over gaps up to so many planting distances. Ours.
+        pub row_tolerance: f64 = 1.5, "1", [0.1, 100.0];
+        /// A centroid nearer than this to a line supports it. Ours: as for `pcl-lines`.
+        pub dist_threshold_m: f64 = 0.3, "m", [0.001, 5.0];
+        /// Pairs of centroids that are tried per line at most. Ours: as for `pcl-lines`.
+        pub max_iteration: u32 = 20, "1", [1, 10000];
+    }
+}
+
+/// The detector.
+#[derive(Debug, Clone)]
+pub struct CentroidLines {
+    params: CentroidLinesParams,
+    row_tolerance_m: f64,
+    clusters: Clusters,
+    /// Centroids on the ground in the odometry's frame, the oldest first.
+    queue: VecDeque<[f64; 2]>,
+    /// The same in the robot's frame, without heights.
+    centroids: Vec<Point3>,
+    search: LineSearch,
+    /// Of the left and of the right row.
+    sides: [Vec<[f64; 2]>; 2],
+    group: [Vec<[f64; 2]>; 2],
+    supports: [Vec<[f64; 2]>; 2],
+}
+
+impl CentroidLines {
+    /// A detector for plants as far apart as those of `map`.
+    #[must_use]
+    pub fn new(params: CentroidLinesParams, map: &PlantingMap) -> Self {
+        Self {
+            row_tolerance_m: params.row_tolerance * map.planting_distance_m,
+            params,
+            clusters: Clusters::default(),
+            queue: VecDeque::new(),
+            centroids: Vec::new(),
+            search: LineSearch::default(),
+            sides: Default::default(),
+            group: Default::default(),
+            supports: Default::default(),
+        }
+    }
+
+    /// Adds the plants of a scan to the queue.
+    fn remember(&mut self, view: PlantPoints<'_>) {
+        let CentroidLinesParams { cluster_tolerance_m, min_cluster_size, cluster_limit, .. } = self.params;
+        for cluster in self.clusters.find(view.points, cluster_tolerance_m, min_cluster_size) {
+            let n = cluster.len() as f64;
+            let sum = cluster.iter().map(|i| &view.points[*i as usize]);
+            let [x, y] = sum.fold([0.0; 2], |[x, y], point| [x + point.x, y + point.y]);
+            self.queue.push_back(view.odometry_from_robot.world(x / n, y / n));
+        }
+        while self.queue.len() > cluster_limit as usize {
+            self.queue.pop_front();
+        }
+    }
+
+    /// Sorts the plants of the queue into the rows on either side.
+    fn group_rows(&mut self, robot: Pose) {
+        let to_robot = robot.locals();
+        self.centroids.clear();
+        self.centroids.extend(self.queue.iter().map(|[x, y]| {
+            let (x, y) = to_robot(*x, *y);
+            Point3 { x, y, z: 0.0 }
+        }));
+        self.sides.iter_mut().for_each(Vec::clear);
+        for cluster in self.clusters.find(&self.centroids, self.row_tolerance_m, 1) {
+            self.group.iter_mut().for_each(Vec::clear);
+            for point in cluster.iter().map(|i| &self.centroids[*i as usize]) {
+                self.group[usize::from(point.y < 0.0)].push([point.x, point.y]);
+            }
+            for (side, group) in self.sides.iter_mut().zip(&mut self.group) {
+                if group.len() > side.len() {
+                    std::mem::swap(side, group);
+                }
+            }
+        }
+    }
+
+    fn line(&mut self, side: usize, random: &mut Stream) -> Option<RowLine> {
+        let CentroidLinesParams { dist_threshold_m, max_iteration, .. } = self.params;
+        let points = &self.sides[side];
+        let line = self.search.find(points, dist_threshold_m, max_iteration, random);
+        self.supports[side].clear();
+        self.supports[side].extend(self.search.inliers().iter().map(|i| points[*i]));
+        line
+    }
+}
+
+impl RowDetector for CentroidLines {
+    fn detect(&mut self, view: PlantPoints<'_>, random: &mut Stream) -> DetectedRows<'_> {
+        self.remember(view);
+        self.group_rows(view.odometry_from_robot);
+        let lines = [0, 1].map(|side| self.line(side, random));
+        let [left, right] = &self.supports;
+        DetectedRows { lines, supports: [left, right], plants: &[] }
+    }
+}

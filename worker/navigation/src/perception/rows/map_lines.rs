@@ -1,0 +1,98 @@
+//! The planting grid in the centroids of a map of the robot's surroundings.
+//!
+//! Vintu (2018), section 3.3.4. The lines are those grid lines on either side of the robot that hold two plants or more.
+
+use super::grid::{Grid, GridSearch, OnGrid};
+use super::{DetectedRows, PlantPoints, RowDetector, RowLine};
+use crate::localization::PlantingMap;
+use crate::perception::cloud::LocalMap;
+use crate::random::Stream;
+
+super::row_parameters! {
+    /// Parameters of [`MapLines`].
+    pub struct MapLinesParams {
+        /// Points of one plant are linked over gaps up to this. Paper: 0.06, table 4.7.
+        pub cluster_tolerance_m: f64 = 0.06, "m", [0.001, 5.0];
+        /// Points of a plant at least, one per voxel. Paper: 15, table 4.7.
+        pub min_cluster_size: u32 = 15, "1", [1, 10000];
+        /// The map reaches so far from the robot. Ours.
+        pub window_m: f64 = 6.0, "m", [0.5, 30.0];
+        /// Side of a voxel. Ours.
+        pub voxel_m: f64 = 0.03, "m", [0.005, 1.0];
+        /// A centroid nearer than this to a node of the grid is a plant. Ours.
+        pub grid_threshold_m: f64 = 0.3, "m", [0.001, 5.0];
+        /// Nor may it be farther than this share of the planting distance. Ours.
+        pub grid_threshold_share: f64 = 0.25, "1", [0.001, 0.5];
+        /// Pairs of centroids that are tried as plants of one row. Ours.
+        pub grid_pairs: u32 = 100, "1", [1, 10000];
+    }
+}
+
+/// The fewest plants of a row that give a line.
+const FEWEST_OF_A_ROW: usize = 2;
+
+/// The detector.
+#[derive(Debug, Clone)]
+pub struct MapLines {
+    params: MapLinesParams,
+    search: GridSearch,
+    map: LocalMap,
+    /// Of clusters, on the ground in the robot's frame.
+    centroids: Vec<[f64; 2]>,
+    on_grid: Vec<OnGrid>,
+    plants: Vec<[f64; 2]>,
+    supports: [Vec<[f64; 2]>; 2],
+}
+
+impl MapLines {
+    /// A detector for a planting grid with the distances of `map`.
+    #[must_use]
+    pub fn new(params: MapLinesParams, map: &PlantingMap) -> Self {
+        let search = GridSearch {
+            row_distance_m: map.row_distance_m,
+            planting_distance_m: map.planting_distance_m,
+            threshold_m: params.grid_threshold_m.min(params.grid_threshold_share * map.planting_distance_m),
+            pairs: params.grid_pairs,
+        };
+        Self {
+            map: LocalMap::new(params.voxel_m, params.window_m, params.cluster_tolerance_m),
+            params,
+            search,
+            centroids: Vec::new(),
+            on_grid: Vec::new(),
+            plants: Vec::new(),
+            supports: Default::default(),
+        }
+    }
+
+    /// The line along the grid's row number `row`, and its plants.
+    fn line(&mut self, grid: &Grid, row: f64, side: usize) -> Option<RowLine> {
+        let of_row = self.on_grid.iter().filter(|plant| plant.row == row);
+        self.supports[side].extend(of_row.map(|plant| self.centroids[plant.index]));
+        let (point, direction) = self.search.row(grid, row);
+        RowLine::along(point, direction).filter(|_| self.supports[side].len() >= FEWEST_OF_A_ROW)
+    }
+}
+
+impl RowDetector for MapLines {
+    fn detect(&mut self, view: PlantPoints<'_>, random: &mut Stream) -> DetectedRows<'_> {
+        self.map.insert(view.points, view.odometry_from_robot);
+        let to_robot = view.odometry_from_robot.locals();
+        let clusters = self.map.clusters(self.params.min_cluster_size);
+        self.centroids.clear();
+        self.centroids.extend(clusters.iter().map(|cluster| {
+            let (x, y) = to_robot(cluster.centroid.x, cluster.centroid.y);
+            [x, y]
+        }));
+        self.plants.clear();
+        self.supports.iter_mut().for_each(Vec::clear);
+        let mut lines = [None, None];
+        if let Some(grid) = self.search.best(&self.centroids, &mut self.on_grid, random) {
+            self.plants.extend(self.on_grid.iter().map(|plant| self.centroids[plant.index]));
+            let [left, right] = self.search.beside(&grid);
+            lines = [self.line(&grid, left, 0), self.line(&grid, right, 1)];
+        }
+        let [left, right] = &self.supports;
+        DetectedRows { lines, supports: [left, right], plants: &self.plants }
+    }
+}
