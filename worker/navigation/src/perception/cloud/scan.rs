@@ -30,11 +30,7 @@ impl CloudMount {
     /// What takes points of the LiDAR's frame into the robot's \[m\].
     pub fn robot_from_lidar(self) -> impl Fn(Point3) -> Point3 {
         let (sin, cos) = libm::sincos(self.pitch_down_rad);
-        move |p| Point3 {
-            x: self.x_m + cos * p.x + sin * p.z,
-            y: p.y,
-            z: self.height_m - sin * p.x + cos * p.z,
-        }
+        move |p| Point3 { x: self.x_m + cos * p.x + sin * p.z, y: p.y, z: self.height_m - sin * p.x + cos * p.z }
     }
 }
 

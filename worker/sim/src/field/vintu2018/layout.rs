@@ -117,8 +117,7 @@ fn nursery(number: u32, random: &mut Stream) -> Layout {
         _ => FIRST_FIELD_M,
     };
     let [size_sd, position_sd_m, missing_share, weeds_per_m2, roughness_m] =
-        [SIZE_SD, POSITION_SD_M, MISSING_SHARE, WEEDS_PER_M2, ROUGHNESS_M]
-            .map(|[low, high]| random.between(low, high));
+        [SIZE_SD, POSITION_SD_M, MISSING_SHARE, WEEDS_PER_M2, ROUGHNESS_M].map(|[low, high]| random.between(low, high));
     Layout {
         name: format!("nursery-{number}"),
         map: PlantingMap { row_distance_m, planting_distance_m, rows, plants_per_row, lanes_to_the_left },

@@ -9,6 +9,11 @@ use crate::Pose;
 /// Distance between the nodes of the raster \[m\].
 const STEP_M: f64 = 0.1;
 const NODES_PER_M: f64 = 1.0 / STEP_M;
+/// Nodes along a block, whose highest point lets rays skip it.
+const BLOCK: usize = 4;
+const BLOCK_M: f64 = BLOCK as f64 * STEP_M;
+/// Rays that skip come this much nearer at least \[m\].
+const LEAST_SKIP_M: f64 = 1e-6;
 /// The raster reaches so far beyond the plants, and fades into the bare plane over the last part of it \[m\].
 const MARGIN_M: f64 = 6.0;
 const FADE_M: f64 = 1.0;
@@ -36,6 +41,10 @@ pub struct Terrain {
     rows: usize,
     /// Height above the plane, x fastest \[m\].
     relief_m: Vec<f32>,
+    /// The highest relief in each block and its neighbours, 0 included: none within a block's length of any point
+    /// in it is higher.
+    tops_m: Vec<f32>,
+    block_columns: usize,
     /// The lowest and the highest relief, 0 included \[m\].
     band_m: [f64; 2],
 }
@@ -82,10 +91,13 @@ impl Terrain {
                 *node *= fade(i, columns).min(fade(j, rows));
             }
         }
-        let mut terrain = Self { slope, from_m, columns, rows, relief_m, band_m: [0.0; 2] };
+        let block_columns = columns.div_ceil(BLOCK);
+        let tops_m = Vec::new();
+        let mut terrain = Self { slope, from_m, columns, rows, relief_m, tops_m, block_columns, band_m: [0.0; 2] };
         for hole in relief.holes {
             terrain.dig(hole);
         }
+        terrain.find_tops();
         let bounds = terrain.relief_m.iter().fold([0.0_f32; 2], |[low, high], z| [low.min(*z), high.max(*z)]);
         terrain.band_m = bounds.map(f64::from);
         terrain
@@ -128,18 +140,16 @@ impl Terrain {
         }
     }
 
-    /// Where a ray through `origin` along the unit vector `direction` may meet the ground: from where to where along it,
-    /// within `from` and `to` \[m\]. The way from the lower end on is all below the ground.
+    /// From where along a ray within `from` and `to` it may meet the ground, and from where on all of it is below the
+    /// ground; `to` if it does not get there \[m\].
     #[must_use]
     pub fn reach(&self, origin: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> [f64; 2] {
         let [above, rise] = self.above_plane(origin, direction);
         let [low, high] = self.band_m;
         if rise < 0.0 {
             [from.max((high - above) / rise), to.min((low - above) / rise)]
-        } else if rise > 0.0 {
-            [from, to.min((high - above) / rise)]
         } else {
-            [from, if above <= high { to } else { from }]
+            [if above + rise * from <= high { from } else { f64::INFINITY }, to]
         }
     }
 
@@ -147,21 +157,29 @@ impl Terrain {
     #[must_use]
     pub fn cast(&self, origin: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> f64 {
         let [above, rise] = self.above_plane(origin, direction);
-        let gap = |t: f64| {
-            let (x, y) = (origin[0] + t * direction[0], origin[1] + t * direction[1]);
-            above + rise * t - self.relief_m(x, y)
-        };
-        let horizontal = (direction[0] * direction[0] + direction[1] * direction[1]).sqrt();
-        let step = STEP_M / horizontal.max(0.1);
-        let (mut t, mut before) = (from, 0.0);
+        let horizontal = (direction[0] * direction[0] + direction[1] * direction[1]).sqrt().max(0.1);
+        let (step, skip) = (STEP_M / horizontal, BLOCK_M / horizontal);
+        let (mut t, mut before) = (from, None);
         while t < to + step {
-            let now = gap(t);
-            if now <= 0.0 {
+            let (u, v) = self.at_nodes(origin[0] + t * direction[0], origin[1] + t * direction[1]);
+            let height = above + rise * t;
+            let top = self.top_m(u, v);
+            if height > top {
+                if rise >= 0.0 && height > self.band_m[1] {
+                    return f64::INFINITY;
+                }
+                let at_top = if rise < 0.0 { (top - above) / rise } else { f64::INFINITY };
+                t = (t + skip).min(at_top).max(t + LEAST_SKIP_M);
+                before = None;
+                continue;
+            }
+            let gap = height - self.relief_at(u, v);
+            if gap <= 0.0 {
                 // The relief is close to straight in between.
-                let met = if t > from { t - step * now / (now - before) } else { t };
+                let met = before.map_or(t, |before: f64| t - step * gap / (gap - before));
                 return if met <= to { met } else { f64::INFINITY };
             }
-            before = now;
+            before = Some(gap);
             t += step;
         }
         f64::INFINITY
@@ -172,22 +190,57 @@ impl Terrain {
         [origin, direction].map(|[x, y, z]| z - self.slope[0] * x - self.slope[1] * y)
     }
 
-    #[inline]
     fn relief_m(&self, x_m: f64, y_m: f64) -> f64 {
-        let (u, v) = ((x_m - self.from_m[0]) * NODES_PER_M, (y_m - self.from_m[1]) * NODES_PER_M);
-        if !(u >= 0.0 && v >= 0.0) {
-            return 0.0;
-        }
+        let (u, v) = self.at_nodes(x_m, y_m);
+        self.relief_at(u, v)
+    }
+
+    /// A place in steps from the first node; negative or beyond the last column or row outside of the raster.
+    #[inline]
+    fn at_nodes(&self, x_m: f64, y_m: f64) -> (f64, f64) {
+        ((x_m - self.from_m[0]) * NODES_PER_M, (y_m - self.from_m[1]) * NODES_PER_M)
+    }
+
+    #[inline]
+    fn node(&self, u: f64, v: f64) -> Option<(usize, usize)> {
+        // A cast of what is negative gives 0.
         let (i, j) = (u as usize, v as usize);
-        if i + 1 >= self.columns || j + 1 >= self.rows {
-            return 0.0;
-        }
+        (u >= 0.0 && v >= 0.0 && i + 1 < self.columns && j + 1 < self.rows).then_some((i, j))
+    }
+
+    #[inline]
+    fn relief_at(&self, u: f64, v: f64) -> f64 {
+        let Some((i, j)) = self.node(u, v) else { return 0.0 };
         let (u, v) = (u - i as f64, v - j as f64);
         let at = j * self.columns + i;
-        let node = |at: usize| f64::from(self.relief_m[at]);
-        let near = node(at) + u * (node(at + 1) - node(at));
-        let far = node(at + self.columns) + u * (node(at + self.columns + 1) - node(at + self.columns));
+        let (low, high) = (&self.relief_m[at..at + 2], &self.relief_m[at + self.columns..at + self.columns + 2]);
+        let between = |nodes: &[f32]| f64::from(nodes[0]) + u * (f64::from(nodes[1]) - f64::from(nodes[0]));
+        let (near, far) = (between(low), between(high));
         near + v * (far - near)
+    }
+
+    /// No relief within a block's length is higher.
+    #[inline]
+    fn top_m(&self, u: f64, v: f64) -> f64 {
+        let top = |(i, j): (usize, usize)| f64::from(self.tops_m[j / BLOCK * self.block_columns + i / BLOCK]);
+        self.node(u, v).map_or(self.band_m[1], top)
+    }
+
+    fn find_tops(&mut self) {
+        let (columns, rows) = (self.block_columns, self.rows.div_ceil(BLOCK));
+        let mut own = vec![0.0_f32; columns * rows];
+        for (j, line) in self.relief_m.chunks_exact(self.columns).enumerate() {
+            for (i, z) in line.iter().enumerate() {
+                let top = &mut own[j / BLOCK * columns + i / BLOCK];
+                *top = top.max(*z);
+            }
+        }
+        let around = |i: usize, n: usize| i.saturating_sub(1)..(i + 2).min(n);
+        let top = |j: usize, i: usize| {
+            let lines = around(j, rows).map(|j| &own[j * columns..(j + 1) * columns]);
+            lines.flat_map(|line| &line[around(i, columns)]).fold(0.0_f32, |top, z| top.max(*z))
+        };
+        self.tops_m = (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))).map(|(j, i)| top(j, i)).collect();
     }
 
     /// Lowers the nodes within the hole.
