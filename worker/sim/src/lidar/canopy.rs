@@ -37,7 +37,8 @@ impl Rays<'_> {
     #[inline]
     #[must_use]
     pub fn direction(&self, ray: usize) -> [f64; 3] {
-        self.directions.map(|axis| axis[ray])
+        let [x, y, z] = self.directions;
+        [x[ray], y[ray], z[ray]]
     }
 }
 

@@ -147,7 +147,8 @@ impl Terrain {
         let [above, rise] = self.above_plane(origin, direction);
         let [low, high] = self.band_m;
         if rise < 0.0 {
-            [from.max((high - above) / rise), to.min((low - above) / rise)]
+            let per = 1.0 / rise;
+            [from.max((high - above) * per), to.min((low - above) * per)]
         } else {
             [if above + rise * from <= high { from } else { f64::INFINITY }, to]
         }
@@ -157,30 +158,31 @@ impl Terrain {
     #[must_use]
     pub fn cast(&self, origin: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> f64 {
         let [above, rise] = self.above_plane(origin, direction);
-        let horizontal = (direction[0] * direction[0] + direction[1] * direction[1]).sqrt().max(0.1);
-        let (step, skip) = (STEP_M / horizontal, BLOCK_M / horizontal);
+        let per = 1.0 / rise;
+        let (u, v) = self.at_nodes(origin[0], origin[1]);
+        let (du, dv) = (direction[0] * NODES_PER_M, direction[1] * NODES_PER_M);
         let (mut t, mut before) = (from, None);
-        while t < to + step {
-            let (u, v) = self.at_nodes(origin[0] + t * direction[0], origin[1] + t * direction[1]);
+        while t < to + STEP_M {
+            let at = Place::new(u + t * du, v + t * dv);
             let height = above + rise * t;
-            let top = self.top_m(u, v);
+            let top = self.top_m(at);
             if height > top {
                 if rise >= 0.0 && height > self.band_m[1] {
                     return f64::INFINITY;
                 }
-                let at_top = if rise < 0.0 { (top - above) / rise } else { f64::INFINITY };
-                t = (t + skip).min(at_top).max(t + LEAST_SKIP_M);
+                let at_top = if rise < 0.0 { (top - above) * per } else { f64::INFINITY };
+                t = (t + BLOCK_M).min(at_top).max(t + LEAST_SKIP_M);
                 before = None;
                 continue;
             }
-            let gap = height - self.relief_at(u, v);
+            let gap = height - self.relief_at(at);
             if gap <= 0.0 {
                 // The relief is close to straight in between.
-                let met = before.map_or(t, |before: f64| t - step * gap / (gap - before));
+                let met = before.map_or(t, |before: f64| t - STEP_M * gap / (gap - before));
                 return if met <= to { met } else { f64::INFINITY };
             }
             before = Some(gap);
-            t += step;
+            t += STEP_M;
         }
         f64::INFINITY
     }
@@ -192,38 +194,41 @@ impl Terrain {
 
     fn relief_m(&self, x_m: f64, y_m: f64) -> f64 {
         let (u, v) = self.at_nodes(x_m, y_m);
-        self.relief_at(u, v)
+        self.relief_at(Place::new(u, v))
     }
 
-    /// A place in steps from the first node; negative or beyond the last column or row outside of the raster.
+    /// A place in steps from the first node.
     #[inline]
     fn at_nodes(&self, x_m: f64, y_m: f64) -> (f64, f64) {
         ((x_m - self.from_m[0]) * NODES_PER_M, (y_m - self.from_m[1]) * NODES_PER_M)
     }
 
+    /// Whether the place has four nodes around it.
     #[inline]
-    fn node(&self, u: f64, v: f64) -> Option<(usize, usize)> {
-        // A cast of what is negative gives 0.
-        let (i, j) = (u as usize, v as usize);
-        (u >= 0.0 && v >= 0.0 && i + 1 < self.columns && j + 1 < self.rows).then_some((i, j))
+    const fn is_inside(&self, at: Place) -> bool {
+        (at.i as usize) < self.columns - 1 && (at.j as usize) < self.rows - 1
     }
 
     #[inline]
-    fn relief_at(&self, u: f64, v: f64) -> f64 {
-        let Some((i, j)) = self.node(u, v) else { return 0.0 };
-        let (u, v) = (u - i as f64, v - j as f64);
-        let at = j * self.columns + i;
-        let (low, high) = (&self.relief_m[at..at + 2], &self.relief_m[at + self.columns..at + self.columns + 2]);
-        let between = |nodes: &[f32]| f64::from(nodes[0]) + u * (f64::from(nodes[1]) - f64::from(nodes[0]));
-        let (near, far) = (between(low), between(high));
-        near + v * (far - near)
+    fn relief_at(&self, at: Place) -> f64 {
+        if !self.is_inside(at) {
+            return 0.0;
+        }
+        let first = at.j as usize * self.columns + at.i as usize;
+        let second = first + self.columns;
+        let (near, far) = (&self.relief_m[first..first + 2], &self.relief_m[second..second + 2]);
+        let (u, v) = ((at.u - f64::from(at.i)) as f32, (at.v - f64::from(at.j)) as f32);
+        let (near, far) = (near[0] + u * (near[1] - near[0]), far[0] + u * (far[1] - far[0]));
+        f64::from(near + v * (far - near))
     }
 
     /// No relief within a block's length is higher.
     #[inline]
-    fn top_m(&self, u: f64, v: f64) -> f64 {
-        let top = |(i, j): (usize, usize)| f64::from(self.tops_m[j / BLOCK * self.block_columns + i / BLOCK]);
-        self.node(u, v).map_or(self.band_m[1], top)
+    fn top_m(&self, at: Place) -> f64 {
+        if !self.is_inside(at) {
+            return self.band_m[1];
+        }
+        f64::from(self.tops_m[at.j as usize / BLOCK * self.block_columns + at.i as usize / BLOCK])
     }
 
     fn find_tops(&mut self) {
@@ -256,6 +261,24 @@ impl Terrain {
                 self.relief_m[j * self.columns + i] -= (HOLE_DEPTH * hole.radius_m * inside.max(0.0)) as f32;
             }
         }
+    }
+}
+
+/// A place on the raster in steps from its first node, and the node before it; a huge one where that is negative.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    u: f64,
+    v: f64,
+    i: u32,
+    j: u32,
+}
+
+impl Place {
+    #[inline]
+    fn new(u: f64, v: f64) -> Self {
+        // Rounded down, as a cast rounds towards zero.
+        let before = |at: f64| ((at + 1.0) as i32).wrapping_sub(1) as u32;
+        Self { u, v, i: before(u), j: before(v) }
     }
 }
 
