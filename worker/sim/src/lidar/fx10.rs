@@ -7,7 +7,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use furrow_navigation::perception::cloud::{CloudMount, CloudScan, Point3};
 use furrow_navigation::random::Stream;
 
-use super::canopy::{Ray, Tried};
+use super::canopy::{Grid, Rays, Room, View};
+use super::frame::Frame;
 use crate::Pose;
 use crate::field::Nursery;
 use crate::field::vintu2018::Standing;
@@ -98,33 +99,55 @@ impl Fx10Params {
 #[derive(Debug, Clone)]
 pub struct Fx10 {
     params: Fx10Params,
-    /// Of each ray in the LiDAR's frame, in firing order: its cell and its unit vector.
-    rays: Vec<(u32, [f64; 3])>,
-    tried: Tried,
-    /// Rays with a return, and their ranges \[m\].
-    returns: Vec<(u32, f64)>,
+    rays: Bundle,
+    grid: Grid,
+    /// Of a scan on the way: where each ray begins.
+    origins: Vec<[f64; 3]>,
+    /// Unit vectors of the rays in the world's frame: x, y, z.
+    directions: [Vec<f64>; 3],
+    /// From where each ray may meet the ground, and from where on it is below \[m\].
+    reach_m: Vec<[f64; 2]>,
+    /// Where each ray first meets something; infinity where it meets nothing \[m\].
+    first_m: Vec<f64>,
+    room: Room,
     deviates: Vec<f64>,
     points: Vec<Point3>,
     cells: Vec<u32>,
+}
+
+/// The rays in the LiDAR's frame, in the order of their cells.
+#[derive(Debug, Clone)]
+struct Bundle {
+    cells: Vec<u32>,
+    directions: Vec<[f64; 3]>,
+    /// When each is fired, as a share of the scan.
+    times: Vec<f64>,
+    /// The rays in firing order.
+    fired: Vec<u32>,
 }
 
 impl Fx10 {
     /// A LiDAR with these parameters.
     #[must_use]
     pub fn new(params: &Fx10Params) -> Self {
-        let rays = match params.pattern {
-            Pattern::Uniform => uniform(params),
-            Pattern::Lissajous => lissajous(params),
+        let (rays, spread_cells) = match params.pattern {
+            Pattern::Uniform => (Bundle::new(uniform(params)), 0.0),
+            Pattern::Lissajous => (Bundle::new(lissajous(params)), 0.5),
         };
-        let n = rays.len();
+        let n = rays.cells.len();
+        let view_rad = [params.field_of_view_rad, params.vertical_field_of_view_rad];
         Self {
             params: params.clone(),
-            rays,
-            tried: Tried::default(),
-            returns: Vec::with_capacity(n),
+            grid: Grid::new([params.columns, params.rows], view_rad, spread_cells, rays.cells.iter().copied()),
+            origins: vec![[0.0; 3]; if params.pattern == Pattern::Lissajous { n } else { 0 }],
+            directions: [vec![0.0; n], vec![0.0; n], vec![0.0; n]],
+            reach_m: vec![[0.0; 2]; n],
+            first_m: vec![0.0; n],
+            room: Room::default(),
             deviates: vec![0.0; n],
             points: Vec::with_capacity(n),
             cells: Vec::with_capacity(n),
+            rays,
         }
     }
 
@@ -138,105 +161,135 @@ impl Fx10 {
         previous: Pose,
         noise: &mut Stream,
     ) -> CloudScan<'_> {
-        self.returns.clear();
-        self.tried.begin(&nursery.canopy);
+        let here = (world_from_robot, nursery.terrain.ground(world_from_robot));
         match self.params.pattern {
-            Pattern::Uniform => {
-                let at = Frame::of_lidar(&self.params, world_from_robot, nursery.terrain.ground(world_from_robot));
-                (0..self.rays.len()).for_each(|ray| self.cast(nursery, &at, ray));
-            }
-            Pattern::Lissajous => self.cast_on_the_way(nursery, previous, world_from_robot),
+            Pattern::Uniform => self.cast_at_once(nursery, here),
+            Pattern::Lissajous => self.cast_on_the_way(nursery, (previous, nursery.terrain.ground(previous)), here),
         }
         self.read(noise);
         let Fx10Params { columns, rows, .. } = self.params;
         CloudScan { points: &self.points, cells: &self.cells, columns, rows }
     }
 
-    fn cast_on_the_way(&mut self, nursery: &Nursery, from: Pose, to: Pose) {
-        let [begins, ends] = [from, to].map(|pose| nursery.terrain.ground(pose));
-        for ray in 0..self.rays.len() {
-            let share = (ray + 1) as f64 / self.rays.len() as f64;
-            let between = |a: f64, b: f64| a + share * (b - a);
-            let pose = Pose {
-                x_m: between(from.x_m, to.x_m),
-                y_m: between(from.y_m, to.y_m),
-                heading_rad: between(from.heading_rad, to.heading_rad),
-            };
-            let standing = Standing {
-                z_m: between(begins.z_m, ends.z_m),
-                roll_rad: between(begins.roll_rad, ends.roll_rad),
-                pitch_rad: between(begins.pitch_rad, ends.pitch_rad),
-            };
-            self.cast(nursery, &Frame::of_lidar(&self.params, pose, standing), ray);
+    fn cast_at_once(&mut self, nursery: &Nursery, (pose, standing): (Pose, Standing)) {
+        let frame = Frame::of_lidar(self.params.mount(), pose, standing);
+        let [x, y, z] = &mut self.directions;
+        for (((local, x), y), z) in self.rays.directions.iter().zip(x).zip(y).zip(z) {
+            [*x, *y, *z] = frame.turn(*local);
         }
+        let view = View::new(frame, [0.0; 2], self.params.range_max_m);
+        let origin = frame.origin;
+        let found = (&mut self.reach_m[..], &mut self.first_m[..]);
+        let rays = rays(&self.params, &self.grid, &self.directions);
+        cast(nursery, &view, rays, |_| origin, found, &mut self.room);
     }
 
-    /// Casts one ray; keeps it if it meets something.
-    fn cast(&mut self, nursery: &Nursery, world_from_lidar: &Frame, ray: usize) {
-        let direction = world_from_lidar.turn(self.rays[ray].1);
-        let origin = world_from_lidar.origin;
-        let [from, to] = [self.params.range_min_m, self.params.range_max_m];
-        let [high, low] = nursery.terrain.reach(origin, direction, [from, to]);
-        // Beyond the lower end the ray is below the ground; only a ray that falls has one.
-        let end = if direction_falls(nursery, direction) { low } else { to };
-        let plant = nursery.canopy.cast(&Ray { origin, direction }, [from, end], &mut self.tried);
-        let ground = nursery.terrain.cast(origin, direction, [high, low.min(plant)]);
-        let range = plant.min(ground);
-        if range <= to {
-            self.returns.push((ray as u32, range));
+    fn cast_on_the_way(&mut self, nursery: &Nursery, from: (Pose, Standing), to: (Pose, Standing)) {
+        let mount = self.params.mount();
+        for (ray, (local, time)) in self.rays.directions.iter().zip(&self.rays.times).enumerate() {
+            let (pose, standing) = between(from, to, *time);
+            let frame = Frame::of_lidar(mount, pose, standing);
+            self.origins[ray] = frame.origin;
+            let direction = frame.turn(*local);
+            (0..3).for_each(|k| self.directions[k][ray] = direction[k]);
         }
+        let (pose, standing) = between(from, to, 0.5);
+        let frame = Frame::of_lidar(mount, pose, standing);
+        let view = View::new(frame, self.way(from, to), self.params.range_max_m);
+        let origins = &self.origins;
+        let found = (&mut self.reach_m[..], &mut self.first_m[..]);
+        let rays = rays(&self.params, &self.grid, &self.directions);
+        cast(nursery, &view, rays, |ray| origins[ray], found, &mut self.room);
+    }
+
+    /// Upper bounds of how far the LiDAR moves \[m\] and turns \[rad\] in a scan.
+    fn way(&self, (a, a_stands): (Pose, Standing), (b, b_stands): (Pose, Standing)) -> [f64; 2] {
+        let turned = (a.heading_rad - b.heading_rad).abs()
+            + (a_stands.roll_rad - b_stands.roll_rad).abs()
+            + (a_stands.pitch_rad - b_stands.pitch_rad).abs();
+        let moved = (a.x_m - b.x_m).abs() + (a.y_m - b.y_m).abs() + (a_stands.z_m - b_stands.z_m).abs();
+        [moved + turned * (self.params.lidar_x_m.abs() + self.params.height_m), turned]
     }
 
     /// Makes points of the returns, each with its own noise, in firing order.
     fn read(&mut self, noise: &mut Stream) {
         let Fx10Params { range_noise_m, range_noise_scale_m, range_min_m, range_max_m, .. } = self.params;
-        let deviates = &mut self.deviates[..self.returns.len()];
-        noise.normals(deviates);
+        let n = self.first_m.iter().filter(|first| **first <= range_max_m).count();
+        noise.normals(&mut self.deviates[..n]);
+        let mut deviates = self.deviates.iter();
         self.points.clear();
         self.cells.clear();
-        for ((ray, range), deviate) in self.returns.iter().zip(deviates) {
+        for ray in self.rays.fired.iter().map(|ray| *ray as usize) {
+            let range = self.first_m[ray];
+            if range > range_max_m {
+                continue;
+            }
             let sd_m = range_noise_m * libm::exp(range / range_noise_scale_m);
-            let range = (range + sd_m * *deviate).max(range_min_m).min(range_max_m);
-            let (cell, [x, y, z]) = self.rays[*ray as usize];
+            let deviate = deviates.next().expect("there is one for each return");
+            let range = (range + sd_m * deviate).max(range_min_m).min(range_max_m);
+            let [x, y, z] = self.rays.directions[ray];
             self.points.push(Point3 { x: range * x, y: range * y, z: range * z });
-            self.cells.push(cell);
+            self.cells.push(self.rays.cells[ray]);
         }
     }
 }
 
-fn direction_falls(nursery: &Nursery, [dx, dy, dz]: [f64; 3]) -> bool {
-    let [a, b] = nursery.terrain.slope();
-    dz < a * dx + b * dy
-}
-
-/// `world_from_lidar`: the LiDAR's place, and its axes.
-struct Frame {
-    origin: [f64; 3],
-    axes: [[f64; 3]; 3],
-}
-
-impl Frame {
-    fn of_lidar(params: &Fx10Params, pose: Pose, standing: Standing) -> Self {
-        let (sy, cy) = libm::sincos(pose.heading_rad);
-        let (sp, cp) = libm::sincos(standing.pitch_rad);
-        let (sr, cr) = libm::sincos(standing.roll_rad);
-        let ahead = [cy * cp, sy * cp, -sp];
-        let left = [cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr];
-        let up = [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr];
-        let (sin, cos) = libm::sincos(params.pitch_down_rad);
-        let foot = [pose.x_m, pose.y_m, standing.z_m];
-        let each = |of: &dyn Fn(usize) -> f64| [of(0), of(1), of(2)];
+impl Bundle {
+    /// Rays in firing order, at equal times: their cells and directions.
+    fn new(fired: Vec<(u32, [f64; 3])>) -> Self {
+        let n = fired.len();
+        let mut by_cell: Vec<usize> = (0..n).collect();
+        by_cell.sort_by_key(|i| fired[*i].0);
+        let mut place = vec![0; n];
+        by_cell.iter().enumerate().for_each(|(ray, i)| place[*i] = ray as u32);
         Self {
-            origin: each(&|k| foot[k] + params.lidar_x_m * ahead[k] + params.height_m * up[k]),
-            axes: [each(&|k| cos * ahead[k] - sin * up[k]), left, each(&|k| sin * ahead[k] + cos * up[k])],
+            cells: by_cell.iter().map(|i| fired[*i].0).collect(),
+            directions: by_cell.iter().map(|i| fired[*i].1).collect(),
+            times: by_cell.iter().map(|i| (i + 1) as f64 / n as f64).collect(),
+            fired: place,
         }
     }
+}
 
-    /// A direction of the LiDAR's frame in the world's.
-    fn turn(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
-        let [ahead, left, up] = &self.axes;
-        [0, 1, 2].map(|k| x * ahead[k] + y * left[k] + z * up[k])
+fn rays<'a>(params: &Fx10Params, grid: &'a Grid, [x, y, z]: &'a [Vec<f64>; 3]) -> Rays<'a> {
+    Rays { grid, directions: [x, y, z], from_m: params.range_min_m }
+}
+
+/// Finds where each ray first meets something.
+fn cast(
+    nursery: &Nursery,
+    view: &View,
+    rays: Rays<'_>,
+    origin: impl Fn(usize) -> [f64; 3],
+    (reach_m, first_m): (&mut [[f64; 2]], &mut [f64]),
+    room: &mut Room,
+) {
+    let terrain = &nursery.terrain;
+    for (ray, (reach, first)) in reach_m.iter_mut().zip(first_m.iter_mut()).enumerate() {
+        *reach = terrain.reach(origin(ray), rays.direction(ray), [rays.from_m, view.range_max_m()]);
+        *first = reach[1];
     }
+    nursery.canopy.shorten(view, rays, &origin, first_m, room);
+    for (ray, ([from, below], first)) in reach_m.iter().zip(first_m).enumerate() {
+        let ground = terrain.cast(origin(ray), rays.direction(ray), [*from, *first]);
+        *first = ground.min(if *first < *below { *first } else { f64::INFINITY });
+    }
+}
+
+/// On the way from one to the other.
+fn between((a, a_stands): (Pose, Standing), (b, b_stands): (Pose, Standing), share: f64) -> (Pose, Standing) {
+    let between = |a: f64, b: f64| a + share * (b - a);
+    let pose = Pose {
+        x_m: between(a.x_m, b.x_m),
+        y_m: between(a.y_m, b.y_m),
+        heading_rad: between(a.heading_rad, b.heading_rad),
+    };
+    let standing = Standing {
+        z_m: between(a_stands.z_m, b_stands.z_m),
+        roll_rad: between(a_stands.roll_rad, b_stands.roll_rad),
+        pitch_rad: between(a_stands.pitch_rad, b_stands.pitch_rad),
+    };
+    (pose, standing)
 }
 
 /// Row by row from above, each from left to right.

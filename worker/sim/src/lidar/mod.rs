@@ -2,6 +2,7 @@
 
 pub mod canopy;
 mod foliage;
+pub mod frame;
 pub mod fx10;
 pub mod planar;
 mod stems;

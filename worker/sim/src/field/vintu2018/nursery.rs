@@ -98,9 +98,9 @@ mod tests {
 
     #[test]
     fn a_corridor_may_run_askew() {
-        // Two plants lean in, on opposite sides and ends: turned by a, 4 sin a + 1.0 cos a is left between them.
-        let (right, left) = (vec![[4.0, -0.5, 0.05], [0.0, -5.0, 0.0]], vec![[0.0, 0.5, 0.05], [4.0, 5.0, 0.0]]);
-        let widest = libm::hypot(4.0, 1.0) - 0.1;
+        // Two plants alone: across the line between them.
+        let (right, left) = (vec![[4.0, -0.1, 0.05]], vec![[0.0, 0.1, 0.05]]);
+        let widest = libm::hypot(4.0, 0.2) - 0.1;
         assert!(has_corridor(&right, &left, widest - 0.001) && !has_corridor(&right, &left, widest + 0.001));
         let (right, left) = (row(-0.65, 0.1), vec![[2.0, 0.3, 0.1]]);
         assert!(has_corridor(&right, &left, 0.749) && !has_corridor(&right, &left, 0.751));

