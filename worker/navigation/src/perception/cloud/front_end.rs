@@ -27,7 +27,7 @@ pub struct FrontEndParams {
 }
 
 /// Takes outliers and the ground out of one scan after the other.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct FrontEnd {
     params: FrontEndParams,
     mount: CloudMount,
@@ -56,8 +56,8 @@ impl FrontEnd {
         let params = &self.params;
         self.points.clear();
         self.points.extend(returns.iter().filter(|point| point.is_finite()));
-        self.outliers.statistical(&mut self.points, params.outlier_neighbours, params.outlier_deviations);
-        self.outliers.radius(&mut self.points, params.radius_neighbours, params.radius_m);
+        self.outliers.statistical(&mut self.points, params.outlier_neighbours as usize, params.outlier_deviations);
+        self.outliers.radius(&mut self.points, params.radius_neighbours as usize, params.radius_m);
         let robot_from_lidar = self.mount.robot_from_lidar();
         self.points.iter_mut().for_each(|point| *point = robot_from_lidar(*point));
     }

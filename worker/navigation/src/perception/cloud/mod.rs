@@ -2,12 +2,14 @@
 //!
 //! What the point cloud library does that Vintu (2018), sections 3.2.1 and 3.3, builds upon, with its exact semantics.
 
+mod buckets;
 mod cells;
 pub mod clusters;
 mod eigen;
 pub mod front_end;
 pub mod line;
 pub mod local_map;
+mod nearest;
 pub mod outliers;
 pub mod plane;
 pub mod scan;

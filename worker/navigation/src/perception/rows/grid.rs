@@ -1,11 +1,14 @@
 //! The planting grid in centroids of plants and weeds, by random sample consensus: Vintu (2018), section 3.3.4.
 //!
-//! A hypothesis is a pair of centroids taken for plants of one row. Silent in the thesis, ours: rows lie within 45
-//! degrees of the robot's heading, so that a square grid is not taken for the one turned by a right angle; the best grid is fitted to its
-//! plants at the end.
+//! A hypothesis is a pair of centroids taken for plants of one row. Silent in the thesis, ours: rows lie within 20
+//! degrees of the robot's heading; the last scan's grid counts as the first hypothesis; the best grid is fitted to its plants at
+//! the end.
 
+use crate::Pose;
 use crate::random::Stream;
 
+/// Tangent of the largest angle between rows and the robot's heading, 20 degrees.
+const STEEPEST: f64 = 0.364;
 /// Draws for each pair that is wanted: many are of different rows.
 const DRAWS_PER_PAIR: u32 = 10;
 /// Fewer plants than this are no grid.
@@ -39,6 +42,14 @@ pub(super) struct GridSearch {
 }
 
 impl Grid {
+    /// The grid in another frame: `to_other` takes poses of this one there.
+    pub(super) fn moved(self, to_other: impl Fn(Pose) -> Pose) -> Self {
+        let heading_rad = libm::atan2(self.along[1], self.along[0]);
+        let pose = to_other(Pose { x_m: self.origin[0], y_m: self.origin[1], heading_rad });
+        let (sin, cos) = libm::sincos(pose.heading_rad);
+        Self { origin: [pose.x_m, pose.y_m], along: [cos, sin] }
+    }
+
     /// Position of a point along and across the rows from the origin \[m\].
     fn local(&self, point: [f64; 2]) -> [f64; 2] {
         let [dx, dy] = [point[0] - self.origin[0], point[1] - self.origin[1]];
@@ -55,18 +66,24 @@ impl Grid {
 
 impl GridSearch {
     /// The grid that most centroids lie on, with these in `plants`; none where there are too few.
-    pub(super) fn best(&self, centroids: &[[f64; 2]], plants: &mut Vec<OnGrid>, random: &mut Stream) -> Option<Grid> {
+    pub(super) fn best(
+        &self,
+        centroids: &[[f64; 2]],
+        last: Option<Grid>,
+        plants: &mut Vec<OnGrid>,
+        random: &mut Stream,
+    ) -> Option<Grid> {
         plants.clear();
-        let grid = self.sampled(centroids, random)?;
+        let grid = self.sampled(centroids, last, random)?;
         self.assign(&grid, centroids, plants);
         let grid = self.refitted(&grid, centroids, plants).unwrap_or(grid);
         self.assign(&grid, centroids, plants);
         (plants.len() >= FEWEST_PLANTS).then_some(grid)
     }
 
-    fn sampled(&self, centroids: &[[f64; 2]], random: &mut Stream) -> Option<Grid> {
+    fn sampled(&self, centroids: &[[f64; 2]], last: Option<Grid>, random: &mut Stream) -> Option<Grid> {
         let n = centroids.len() as u32;
-        let (mut best, mut pairs) = ((0, None), 0);
+        let (mut best, mut pairs) = ((self.count(last.as_ref(), centroids), last), 0);
         for _ in 0..self.pairs * DRAWS_PER_PAIR {
             let [a, b] = [random.below(n), random.below(n)];
             if pairs == self.pairs || n < 2 {
@@ -74,12 +91,16 @@ impl GridSearch {
             }
             let Some(grid) = self.through(centroids[a as usize], centroids[b as usize]) else { continue };
             pairs += 1;
-            let on_it = centroids.iter().filter(|point| self.node(&grid, **point).is_some()).count();
+            let on_it = self.count(Some(&grid), centroids);
             if on_it > best.0 {
                 best = (on_it, Some(grid));
             }
         }
         best.1
+    }
+
+    fn count(&self, grid: Option<&Grid>, centroids: &[[f64; 2]]) -> usize {
+        grid.map_or(0, |grid| centroids.iter().filter(|point| self.node(grid, **point).is_some()).count())
     }
 
     /// The grid in which `a` and `b` are plants of one row; none if they cannot be.
@@ -88,8 +109,7 @@ impl GridSearch {
         let length_m = (dx * dx + dy * dy).sqrt();
         let plants = (length_m / self.planting_distance_m).round();
         let fits = (length_m - plants * self.planting_distance_m).abs() < self.threshold_m;
-        // Within 45 degrees of straight ahead.
-        (plants >= 1.0 && fits && dx.abs() > dy.abs()).then(|| {
+        (plants >= 1.0 && fits && dy.abs() <= STEEPEST * dx.abs()).then(|| {
             let ahead = if dx < 0.0 { -length_m } else { length_m };
             Grid { origin: a, along: [dx / ahead, dy / ahead] }
         })
@@ -183,7 +203,7 @@ mod tests {
             let (offset_m, heading_rad) = (0.1, 0.15);
             let centroids = centroids(offset_m, heading_rad, 8, seed);
             let mut plants = Vec::new();
-            let grid = SEARCH.best(&centroids, &mut plants, &mut Stream::new(seed, "search")).unwrap();
+            let grid = SEARCH.best(&centroids, None, &mut plants, &mut Stream::new(seed, "search")).unwrap();
             assert!((libm::atan2(grid.along[1], grid.along[0]) + heading_rad).abs() < 0.02);
             assert!(plants.iter().filter(|plant| plant.index < 24).count() >= 22, "{plants:?}");
             let [left, right] = SEARCH.beside(&grid).map(|row| {
@@ -197,7 +217,7 @@ mod tests {
     #[test]
     fn nothing_one_point_or_points_on_a_heap_are_no_grid() {
         let mut plants = Vec::new();
-        let mut best = |centroids: &[[f64; 2]]| SEARCH.best(centroids, &mut plants, &mut Stream::new(1, "grid"));
+        let mut best = |centroids: &[[f64; 2]]| SEARCH.best(centroids, None, &mut plants, &mut Stream::new(1, "grid"));
         assert_eq!(best(&[]), None);
         assert_eq!(best(&[[1.0, 0.5]]), None);
         assert_eq!(best(&[[1.0, 0.5]; 20]), None);
@@ -209,7 +229,7 @@ mod tests {
         let search = GridSearch { row_distance_m: 2.0, planting_distance_m: 2.0, threshold_m: 0.3, pairs: 100 };
         let centroids: Vec<_> = (0..4).flat_map(|i| [-1.0, 1.0].map(|y| [2.0 * f64::from(i), y])).collect();
         for seed in 0..20 {
-            let grid = search.best(&centroids, &mut Vec::new(), &mut Stream::new(seed, "grid")).unwrap();
+            let grid = search.best(&centroids, None, &mut Vec::new(), &mut Stream::new(seed, "grid")).unwrap();
             assert!((grid.along[0] - 1.0).abs() < 1e-9);
         }
     }

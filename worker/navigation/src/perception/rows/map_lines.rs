@@ -20,9 +20,9 @@ super::row_parameters! {
         /// Side of a voxel. Ours.
         pub voxel_m: f64 = 0.03, "m", [0.005, 1.0];
         /// A centroid nearer than this to a node of the grid is a plant. Ours.
-        pub grid_threshold_m: f64 = 0.3, "m", [0.001, 5.0];
+        pub grid_threshold_m: f64 = 0.2, "m", [0.001, 5.0];
         /// Nor may it be farther than this share of the planting distance. Ours.
-        pub grid_threshold_share: f64 = 0.25, "1", [0.001, 0.5];
+        pub grid_threshold_share: f64 = 0.2, "1", [0.001, 0.5];
         /// Pairs of centroids that are tried as plants of one row. Ours.
         pub grid_pairs: u32 = 100, "1", [1, 10000];
     }
@@ -40,6 +40,8 @@ pub struct MapLines {
     /// Of clusters, on the ground in the robot's frame.
     centroids: Vec<[f64; 2]>,
     on_grid: Vec<OnGrid>,
+    /// The last grid, in the odometry's frame.
+    last: Option<Grid>,
     plants: Vec<[f64; 2]>,
     supports: [Vec<[f64; 2]>; 2],
 }
@@ -60,6 +62,7 @@ impl MapLines {
             search,
             centroids: Vec::new(),
             on_grid: Vec::new(),
+            last: None,
             plants: Vec::new(),
             supports: Default::default(),
         }
@@ -87,7 +90,10 @@ impl RowDetector for MapLines {
         self.plants.clear();
         self.supports.iter_mut().for_each(Vec::clear);
         let mut lines = [None, None];
-        if let Some(grid) = self.search.best(&self.centroids, &mut self.on_grid, random) {
+        let robot = view.odometry_from_robot;
+        let last = self.last.take().map(|grid| grid.moved(|pose| robot.relative(pose)));
+        if let Some(grid) = self.search.best(&self.centroids, last, &mut self.on_grid, random) {
+            self.last = Some(grid.moved(|pose| robot.compose(pose)));
             self.plants.extend(self.on_grid.iter().map(|plant| self.centroids[plant.index]));
             let [left, right] = self.search.beside(&grid);
             lines = [self.line(&grid, left, 0), self.line(&grid, right, 1)];
