@@ -2,7 +2,7 @@
 //!
 //! Rays begin at the closest range: leaves that the body has just bent aside hide nothing.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
+mod pattern;
 
 use furrow_navigation::perception::cloud::{CloudMount, CloudScan, Point3};
 use furrow_navigation::random::Stream;
@@ -13,6 +13,7 @@ use crate::Pose;
 use crate::field::Nursery;
 use crate::field::vintu2018::Standing;
 use crate::odometry::OdometryNoise;
+use pattern::Bundle;
 
 furrow_navigation::words! {
     /// How the rays of a scan lie.
@@ -71,10 +72,6 @@ furrow_navigation::parameters! {
 
 /// Scans a second. Paper.
 pub const RATE_HZ: u32 = 10;
-/// Periods of the Lissajous figure in a scan, across and up and down. Ours.
-const ACROSS: f64 = 33.0;
-const UP_AND_DOWN: f64 = 20.0;
-
 impl Fx10Params {
     /// The errors of the odometry.
     #[must_use]
@@ -115,30 +112,16 @@ pub struct Fx10 {
     cells: Vec<u32>,
 }
 
-/// The rays in the LiDAR's frame, in the order of their cells.
-#[derive(Debug, Clone)]
-struct Bundle {
-    cells: Vec<u32>,
-    directions: Vec<[f64; 3]>,
-    /// When each is fired, as a share of the scan.
-    times: Vec<f64>,
-    /// The rays in firing order.
-    fired: Vec<u32>,
-}
-
 impl Fx10 {
     /// A LiDAR with these parameters.
     #[must_use]
     pub fn new(params: &Fx10Params) -> Self {
-        let (rays, spread_cells) = match params.pattern {
-            Pattern::Uniform => (Bundle::new(uniform(params)), 0.0),
-            Pattern::Lissajous => (Bundle::new(lissajous(params)), 0.5),
-        };
+        let rays = Bundle::new(params);
         let n = rays.cells.len();
         let view_rad = [params.field_of_view_rad, params.vertical_field_of_view_rad];
         Self {
             params: params.clone(),
-            grid: Grid::new([params.columns, params.rows], view_rad, spread_cells, rays.cells.iter().copied()),
+            grid: Grid::new([params.columns, params.rows], view_rad, rays.spread_cells, rays.cells.iter().copied()),
             origins: vec![[0.0; 3]; if params.pattern == Pattern::Lissajous { n } else { 0 }],
             directions: [vec![0.0; n], vec![0.0; n], vec![0.0; n]],
             reach_m: vec![[0.0; 2]; n],
@@ -234,23 +217,6 @@ impl Fx10 {
     }
 }
 
-impl Bundle {
-    /// Rays in firing order, at equal times: their cells and directions.
-    fn new(fired: Vec<(u32, [f64; 3])>) -> Self {
-        let n = fired.len();
-        let mut by_cell: Vec<usize> = (0..n).collect();
-        by_cell.sort_by_key(|i| fired[*i].0);
-        let mut place = vec![0; n];
-        by_cell.iter().enumerate().for_each(|(ray, i)| place[*i] = ray as u32);
-        Self {
-            cells: by_cell.iter().map(|i| fired[*i].0).collect(),
-            directions: by_cell.iter().map(|i| fired[*i].1).collect(),
-            times: by_cell.iter().map(|i| (i + 1) as f64 / n as f64).collect(),
-            fired: place,
-        }
-    }
-}
-
 fn rays<'a>(params: &Fx10Params, grid: &'a Grid, [x, y, z]: &'a [Vec<f64>; 3]) -> Rays<'a> {
     Rays { grid, directions: [x, y, z], from_m: params.range_min_m }
 }
@@ -290,36 +256,6 @@ fn between((a, a_stands): (Pose, Standing), (b, b_stands): (Pose, Standing), sha
         pitch_rad: between(a_stands.pitch_rad, b_stands.pitch_rad),
     };
     (pose, standing)
-}
-
-/// Row by row from above, each from left to right.
-fn uniform(params: &Fx10Params) -> Vec<(u32, [f64; 3])> {
-    let angle = |i: u32, n: u32, view: f64| view * (0.5 - f64::from(i) / f64::from(n.max(2) - 1));
-    let ray = |cell: u32| {
-        let (row, column) = (cell / params.columns, cell % params.columns);
-        let azimuth = angle(column, params.columns, params.field_of_view_rad);
-        (cell, unit(azimuth, angle(row, params.rows, params.vertical_field_of_view_rad)))
-    };
-    (0..params.columns * params.rows).map(ray).collect()
-}
-
-/// At equal times along the figure; each ray counts to the nearest cell of the grid.
-fn lissajous(params: &Fx10Params) -> Vec<(u32, [f64; 3])> {
-    let n = params.columns * params.rows;
-    let nearest = |share: f64, cells: u32| ((0.5 - 0.5 * share) * f64::from(cells - 1) + 0.5) as u32;
-    let ray = |i: u32| {
-        let time = TAU * f64::from(i) / f64::from(n);
-        let (across, up) = (libm::sin(ACROSS * time), libm::sin(UP_AND_DOWN * time + FRAC_PI_2));
-        let cell = nearest(up, params.rows) * params.columns + nearest(across, params.columns);
-        let [azimuth, elevation] = [across * params.field_of_view_rad, up * params.vertical_field_of_view_rad];
-        (cell, unit(0.5 * azimuth, 0.5 * elevation))
-    };
-    (0..n).map(ray).collect()
-}
-
-fn unit(azimuth_rad: f64, elevation_rad: f64) -> [f64; 3] {
-    let ((sa, ca), (se, ce)) = (libm::sincos(azimuth_rad), libm::sincos(elevation_rad));
-    [ce * ca, ce * sa, se]
 }
 
 #[cfg(test)]

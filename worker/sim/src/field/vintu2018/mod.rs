@@ -249,7 +249,6 @@ mod tests {
         let shares: Vec<_> = (0..100).map(|number| nursery(&params(number)).1.passable_lanes_share(0.9)).collect();
         let lanes = shares.iter().sum::<f64>() / 100.0;
         let fields = shares.iter().filter(|share| **share == 1.0).count();
-        println!("passable: {lanes:.3} of the lanes, {fields} fields wholly");
         assert!((0.4..0.6).contains(&lanes) && (33..=47).contains(&fields), "{lanes} {fields}");
     }
 }
