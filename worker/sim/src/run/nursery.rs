@@ -1,7 +1,5 @@
 //! The loop of a robot with a 3D LiDAR that drives through all lanes of a nursery: Vintu (2018), figure 3.3.
 
-use std::f64::consts::PI;
-
 use furrow_navigation::control::Twist;
 use furrow_navigation::mission::{NurseryMission, NurseryParams, NurserySight, NurseryStep};
 use furrow_navigation::random::Stream;
@@ -174,6 +172,8 @@ fn believed_start(start: Pose, sensors: &Fx10Params, seed: Seed) -> Pose {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
     use super::*;
     use crate::scenario::tests::nursery;
     use crate::simulate as run;

@@ -58,13 +58,13 @@ crate::parameters! {
         /// Standard deviation of the odometry's turn, per radian of each 0.1 rad. Ours.
         pub odometry_turn_per_rad: f64 = 0.10, "1", [0.0, 10.0];
         /// Standard deviation of a line at a node; large, as the next nodes see the same plants. Ours.
-        pub line_sd_m: f64 = 0.1, "m", [0.001, 10.0];
+        pub line_sd_m: f64 = 0.05, "m", [0.001, 10.0];
         /// Standard deviation of a plant at a node, in each direction; large for the same reason. Ours.
         pub plant_sd_m: f64 = 0.1, "m", [0.001, 10.0];
         /// Points taken of each line. Ours.
         pub line_points: u32 = 20, "1", [1, 1000];
         /// A line and its points are no further from their row. Ours.
-        pub line_gate_m: f64 = 0.35, "m", [0.0, 10.0];
+        pub line_gate_m: f64 = 0.5, "m", [0.0, 10.0];
         /// A line is turned no further from the rows: 15 degrees. Ours.
         pub line_gate_rad: f64 = 0.261_799_387_799_149_4, "rad", [0.0, 1.6];
         /// A plant is no further from its planting position. Ours.

@@ -17,7 +17,7 @@ pub(super) struct Guide<'a> {
 impl Guide<'_> {
     /// The middle between two lines, half a row distance beside one line, by the map without any; none without a map.
     pub(super) fn line(&self, rows: &DetectedRows<'_>) -> Option<MidLine> {
-        let mut lines = rows.lines.iter().flatten().filter(|line| self.matches_the_map(line));
+        let mut lines = rows.lines.iter().flatten().filter(|line| self.is_a_row(line));
         match (lines.next(), lines.next()) {
             (Some(a), Some(b)) => mid_line::bisector(*a, *b),
             (Some(line), None) => Some(mid_line::shifted(*line, self.map.row_distance_m)),
@@ -32,8 +32,11 @@ impl Guide<'_> {
         Some(MidLine { point: [x, y], direction: self.travel(robot) })
     }
 
-    /// Whether a line lies near one of the lane's rows, and along it; without a map any line does.
-    fn matches_the_map(&self, line: &RowLine) -> bool {
+    /// Whether a line may be a row beside the robot: roughly ahead, and by the map near one of the lane's rows, and along it.
+    fn is_a_row(&self, line: &RowLine) -> bool {
+        if line.direction[1].abs() > libm::sin(self.params.line_angle_rad) {
+            return false;
+        }
         let Some(robot) = self.map_from_robot else { return true };
         let direction = self.travel(robot);
         let sine = direction[0] * line.direction[1] - direction[1] * line.direction[0];

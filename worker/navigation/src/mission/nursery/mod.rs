@@ -36,8 +36,11 @@ crate::parameters! {
         pub end_scans: u32 = 3, "1", [1, 1000];
         /// With localization: a lane is entered by the map for so far. Ours; the thesis says a few metres.
         pub enter_distance_m: f64 = 3.0, "m", [0.0, 100.0];
-        /// With localization: a detected line farther than this from its row in the map is dropped. Ours.
-        pub line_gate_m: f64 = 0.35, "m", [0.01, 10.0];
+        /// A detected line at a larger angle to the robot is none along a row. Ours: 45 degrees.
+        pub line_angle_rad: f64 = std::f64::consts::FRAC_PI_4, "rad", [0.01, 1.57];
+        /// With localization: a detected line farther than this from its row in the map is dropped. Ours: less than half of any
+        /// row distance, more than localization is off by.
+        pub line_gate_m: f64 = 0.5, "m", [0.01, 10.0];
         /// With localization: so is one at a larger angle to it. Ours: 15 degrees.
         pub line_gate_rad: f64 = 15.0 * std::f64::consts::PI / 180.0, "rad", [0.01, 1.5];
     }
@@ -71,8 +74,10 @@ enum State {
     Start,
     Search,
     Enter,
+    /// `lines`: whether there was a line to follow in this lane.
     Follow {
         few_scans: u32,
+        lines: bool,
     },
     Exit {
         from: Pose,
@@ -153,11 +158,11 @@ impl NurseryMission {
     /// Goes from state to state as long as one is done.
     fn advance(&mut self, sight: &NurserySight<'_>) {
         match self.state {
-            State::Start => self.state = State::Follow { few_scans: 0 },
+            State::Start => self.follow(),
             State::Search if sight.map_from_robot.is_some() => self.state = State::Enter,
             State::Search if sight.rows.lines.iter().all(Option::is_some) => self.follow(),
             State::Enter if self.lane_x_m(sight).is_none_or(|x_m| x_m >= self.params.enter_distance_m) => self.follow(),
-            State::Follow { few_scans } => self.watch_for_the_end(few_scans, sight),
+            State::Follow { few_scans, lines } => self.watch_for_the_end(few_scans, lines, sight),
             State::Exit { from, distance_m } if self.has_left(from, distance_m, sight) => self.change(sight),
             State::Change(ref mut manoeuvre) => {
                 let pose = sight.map_from_robot.unwrap_or(sight.odometry_from_robot);
@@ -171,11 +176,11 @@ impl NurseryMission {
 
     fn follow(&mut self) {
         self.control.restart();
-        self.state = State::Follow { few_scans: 0 };
+        self.state = State::Follow { few_scans: 0, lines: false };
     }
 
-    /// The end of a row: by the map with localization, else by too few plant points.
-    fn watch_for_the_end(&mut self, few_scans: u32, sight: &NurserySight<'_>) {
+    /// The end of a row: by the map with localization, else by too few plant points, or no line in what there are.
+    fn watch_for_the_end(&mut self, few_scans: u32, lines: bool, sight: &NurserySight<'_>) {
         let from = self.pose(sight);
         if let Some(x_m) = self.lane_x_m(sight) {
             if x_m >= self.map.row_length_m() {
@@ -183,12 +188,14 @@ impl NurseryMission {
             }
             return;
         }
-        let few_scans = if sight.points_ahead < self.params.end_points { few_scans + 1 } else { 0 };
+        let line = self.guide(sight).line(&sight.rows).is_some();
+        let few = sight.points_ahead < self.params.end_points || (lines && !line);
+        let few_scans = if few { few_scans + 1 } else { 0 };
         self.state = if few_scans >= self.params.end_scans {
             // The last plants are where the LiDAR's view begins.
             State::Exit { from, distance_m: self.blind_m + self.params.exit_distance_m }
         } else {
-            State::Follow { few_scans }
+            State::Follow { few_scans, lines: lines || line }
         };
     }
 

@@ -1,7 +1,8 @@
 //! A line on the ground by random sample consensus, as the point cloud library fits one.
 //!
 //! 99 % sure of a sample without outliers, the search ends early; a line replaces the best one only with more inliers; at the end it is fitted
-//! to its inliers, which are then taken again. A point supports a line that it is nearer to than the threshold.
+//! to its inliers, which are then taken again. A point supports a line that it is nearer to than the threshold. Ours: lines at more than 45
+//! degrees to x, the robot's heading, are no rows, and not tried.
 
 use super::Point3;
 use crate::perception::rows::RowLine;
@@ -29,6 +30,9 @@ impl LineSearch {
         self.inliers.clear();
         let sampled = sample(points.len(), max_iterations, random, |[a, b]| {
             let line = RowLine::along(points[a], [points[b][0] - points[a][0], points[b][1] - points[a][1]])?;
+            if !line.runs_ahead() {
+                return None;
+            }
             Some((line, points.iter().filter(|point| line.left_of(**point).abs() < threshold_m).count()))
         })?;
         self.take(points, |point| sampled.left_of(point).abs() < threshold_m);

@@ -4,14 +4,15 @@
 //! from nothing, but that points which have left the window keep joined what they joined (ours).
 //!
 //! Deviation: a voxel's point is the centroid of the points of the scan that first filled it, and later scans, redundant there, change
-//! nothing; the library would average again. What has left the window is dropped whenever the robot has moved half a metre.
+//! nothing; the library would average again. What has left the window, or was last seen too long ago for the robot's pose to be trusted
+//! (ours), is dropped every ten scans.
 
 use super::Point3;
 use super::cells::{CellTable, END, Key, NONE, around, key};
 use crate::Pose;
 
-/// What has left the window is dropped after so much way \[m\].
-const SWEEP_M: f64 = 0.5;
+/// Scans from one sweep to the next.
+const SWEEP_SCANS: u32 = 10;
 
 /// A plant, or several that touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,12 +27,16 @@ pub struct Cluster {
 #[derive(Debug, Clone)]
 pub struct LocalMap {
     window_m: f64,
+    /// Scans after which a point that was not seen again is dropped.
+    memory: u32,
     tolerance_m: f64,
     voxels_per_m: f64,
     /// In the odometry's frame; the oldest first.
     points: Vec<Point3>,
     /// Points of the scan that filled a voxel.
     counts: Vec<u32>,
+    /// The last scan with a point in a voxel.
+    seen: Vec<u32>,
     /// Another point of the same cluster, itself in the end.
     parents: Vec<u32>,
     /// The point of each voxel.
@@ -41,29 +46,33 @@ pub struct LocalMap {
     cells: CellTable,
     cell_of: Vec<Key>,
     next: Vec<u32>,
-    swept_at: Option<Pose>,
+    /// The present scan.
+    scan: u32,
     /// By root: the point that stands for its cluster when others are dropped, or the cluster's number.
     heirs: Vec<u32>,
     clusters: Vec<Cluster>,
 }
 
 impl LocalMap {
-    /// An empty map with voxels of `voxel_m`, reaching `window_m` from the robot; points are linked over `tolerance_m`.
+    /// An empty map with voxels of `voxel_m`, reaching `window_m` from the robot and `memory` scans back; points are linked over
+    /// `tolerance_m`.
     #[must_use]
-    pub fn new(voxel_m: f64, window_m: f64, tolerance_m: f64) -> Self {
+    pub fn new(voxel_m: f64, (window_m, memory): (f64, u32), tolerance_m: f64) -> Self {
         Self {
             window_m,
+            memory,
             tolerance_m,
             voxels_per_m: 1.0 / voxel_m,
             points: Vec::new(),
             counts: Vec::new(),
+            seen: Vec::new(),
             parents: Vec::new(),
             voxels: CellTable::default(),
             voxel_of: Vec::new(),
             cells: CellTable::default(),
             cell_of: Vec::new(),
             next: Vec::new(),
-            swept_at: None,
+            scan: 0,
             heirs: Vec::new(),
             clusters: Vec::new(),
         }
@@ -74,7 +83,10 @@ impl LocalMap {
         if !odometry_from_robot.is_finite() {
             return;
         }
-        self.sweep(odometry_from_robot);
+        self.scan += 1;
+        if self.scan.is_multiple_of(SWEEP_SCANS) {
+            self.sweep(odometry_from_robot);
+        }
         let first = self.points.len();
         let to_odometry = odometry_from_robot.worlds();
         let square = self.window_m * self.window_m;
@@ -100,6 +112,7 @@ impl LocalMap {
             *number = new;
             self.points.push(point);
             self.counts.push(1);
+            self.seen.push(self.scan);
             self.parents.push(new);
             self.voxel_of.push(voxel);
         } else if *number as usize >= first {
@@ -107,6 +120,8 @@ impl LocalMap {
             let Point3 { x, y, z } = self.points[i];
             self.points[i] = Point3 { x: x + point.x, y: y + point.y, z: z + point.z };
             self.counts[i] += 1;
+        } else {
+            self.seen[*number as usize] = self.scan;
         }
     }
 
@@ -138,27 +153,24 @@ impl LocalMap {
         self.parents[a.max(b) as usize] = a.min(b);
     }
 
-    /// Drops what has left the window, if the robot has moved on.
+    /// Drops what has left the window, or is too old.
     fn sweep(&mut self, robot: Pose) {
         let squared = |x: f64, y: f64| (x - robot.x_m) * (x - robot.x_m) + (y - robot.y_m) * (y - robot.y_m);
-        if self.swept_at.is_some_and(|pose| squared(pose.x_m, pose.y_m) < SWEEP_M * SWEEP_M) {
-            return;
-        }
-        self.swept_at = Some(robot);
-        let square = self.window_m * self.window_m;
-        if self.points.iter().any(|point| squared(point.x, point.y) > square) {
-            self.retain(|point| squared(point.x, point.y) <= square);
+        let (square, oldest) = (self.window_m * self.window_m, self.scan.saturating_sub(self.memory));
+        let stays = |point: &Point3, seen: u32| seen >= oldest && squared(point.x, point.y) <= square;
+        if self.points.iter().zip(&self.seen).any(|(point, seen)| !stays(point, *seen)) {
+            self.retain(stays);
         }
     }
 
     /// Keeps some of the points; the oldest of those left stands for its cluster.
-    fn retain(&mut self, stays: impl Fn(&Point3) -> bool) {
+    fn retain(&mut self, stays: impl Fn(&Point3, u32) -> bool) {
         let mut kept = 0;
         self.heirs.clear();
         self.heirs.resize(self.points.len(), NONE);
         for i in 0..self.points.len() {
             let root = root(&mut self.parents, i as u32) as usize;
-            if !stays(&self.points[i]) {
+            if !stays(&self.points[i], self.seen[i]) {
                 continue;
             }
             if self.heirs[root] == NONE {
@@ -166,6 +178,7 @@ impl LocalMap {
             }
             // Roots are read through `parents` up to here only, and points move to the front.
             self.points[kept] = self.points[i];
+            self.seen[kept] = self.seen[i];
             self.voxel_of[kept] = self.voxel_of[i];
             self.cell_of[kept] = self.cell_of[i];
             self.next[kept] = self.heirs[root];
@@ -173,6 +186,7 @@ impl LocalMap {
         }
         self.points.truncate(kept);
         self.counts.truncate(kept);
+        self.seen.truncate(kept);
         self.voxel_of.truncate(kept);
         self.cell_of.truncate(kept);
         self.parents.clear();
@@ -261,7 +275,7 @@ mod tests {
         #[test]
         fn clusters_are_those_found_from_nothing_as_long_as_nothing_is_dropped(seed in any::<u64>(), tolerance_m in 0.04..0.25_f64) {
             let mut random = Stream::new(seed, "map");
-            let mut map = LocalMap::new(0.03, 9.0, tolerance_m);
+            let mut map = LocalMap::new(0.03, (9.0, 99), tolerance_m);
             let mut pose = Pose::default();
             for _ in 0..20 {
                 pose = pose.moved(random.between(-0.1, 0.2), random.between(-0.5, 0.5));
@@ -277,7 +291,7 @@ mod tests {
     /// Posts a metre apart, driven along: each is whole or gone.
     #[test]
     fn posts_stay_clusters_of_their_own_while_others_are_dropped() {
-        let mut map = LocalMap::new(0.03, 3.0, 0.06);
+        let mut map = LocalMap::new(0.03, (3.0, 999), 0.06);
         for i in 0..400 {
             let x_m = 0.05 * f64::from(i);
             let posts = (0..20).map(f64::from).filter(|x| (x - x_m).abs() < 3.0);
@@ -289,12 +303,12 @@ mod tests {
             assert!(clusters.iter().all(|cluster| cluster.size == 40), "{clusters:?}");
             assert!(clusters.iter().all(|cluster| (cluster.centroid.x - cluster.centroid.x.round()).abs() < 1e-9));
         }
-        assert!((5..=8).contains(&map.clusters(2).len()));
+        assert!((5..=9).contains(&map.clusters(2).len()));
     }
 
     #[test]
     fn a_voxel_holds_the_centroid_of_the_scan_that_filled_it() {
-        let mut map = LocalMap::new(0.1, 6.0, 0.2);
+        let mut map = LocalMap::new(0.1, (6.0, 99), 0.2);
         let at = |x: f64| Point3 { x, y: 0.05, z: 0.05 };
         map.insert(&[at(1.02), at(1.06), at(2.0)], Pose::default());
         map.insert(&[at(1.09)], Pose::default());
@@ -303,7 +317,7 @@ mod tests {
 
     #[test]
     fn what_the_robot_leaves_behind_is_dropped_and_what_is_no_number_never_comes_in() {
-        let mut map = LocalMap::new(0.03, 6.0, 0.06);
+        let mut map = LocalMap::new(0.03, (6.0, 99), 0.06);
         let post = [Point3 { x: 1.0, y: 0.0, z: 0.5 }, Point3 { x: f64::NAN, y: 0.0, z: 0.0 }];
         for i in 0..200 {
             map.insert(&post, Pose { x_m: 0.1 * f64::from(i), ..Pose::default() });

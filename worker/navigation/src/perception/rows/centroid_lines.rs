@@ -2,14 +2,13 @@
 //!
 //! Vintu (2018), section 3.3.3. Silent there, ours: the queue is kept in the odometry's frame; a group of the second
 //! clustering that reaches to both sides of the robot, as in plantings as wide as they are long, is divided between them; of each side the
-//! largest group counts; lines are found as `pcl-lines` finds them.
+//! largest group counts, and its line is that of least squared distances.
 
 use std::collections::VecDeque;
 
 use super::{DetectedRows, PlantPoints, RowDetector, RowLine};
 use crate::Pose;
 use crate::localization::PlantingMap;
-use crate::perception::cloud::line::LineSearch;
 use crate::perception::cloud::{Clusters, Point3};
 use crate::random::Stream;
 
@@ -24,10 +23,6 @@ super::row_parameters! {
         pub min_cluster_size: u32 = 10, "1", [1, 10000];
         /// Plants of one row are linked over gaps up to so many planting distances. Ours.
         pub row_tolerance: f64 = 1.5, "1", [0.1, 100.0];
-        /// A centroid nearer than this to a line supports it. Ours: as for `pcl-lines`.
-        pub dist_threshold_m: f64 = 0.3, "m", [0.001, 5.0];
-        /// Pairs of centroids that are tried per line at most. Ours: as for `pcl-lines`.
-        pub max_iteration: u32 = 20, "1", [1, 10000];
     }
 }
 
@@ -41,11 +36,9 @@ pub struct CentroidLines {
     queue: VecDeque<[f64; 2]>,
     /// The same in the robot's frame, without heights.
     centroids: Vec<Point3>,
-    search: LineSearch,
     /// Of the left and of the right row.
     sides: [Vec<[f64; 2]>; 2],
     group: [Vec<[f64; 2]>; 2],
-    supports: [Vec<[f64; 2]>; 2],
 }
 
 impl CentroidLines {
@@ -58,10 +51,8 @@ impl CentroidLines {
             clusters: Clusters::default(),
             queue: VecDeque::new(),
             centroids: Vec::new(),
-            search: LineSearch::default(),
             sides: Default::default(),
             group: Default::default(),
-            supports: Default::default(),
         }
     }
 
@@ -100,23 +91,14 @@ impl CentroidLines {
             }
         }
     }
-
-    fn line(&mut self, side: usize, random: &mut Stream) -> Option<RowLine> {
-        let CentroidLinesParams { dist_threshold_m, max_iteration, .. } = self.params;
-        let points = &self.sides[side];
-        let line = self.search.find(points, dist_threshold_m, max_iteration, random);
-        self.supports[side].clear();
-        self.supports[side].extend(self.search.inliers().iter().map(|i| points[*i]));
-        line
-    }
 }
 
 impl RowDetector for CentroidLines {
-    fn detect(&mut self, view: PlantPoints<'_>, random: &mut Stream) -> DetectedRows<'_> {
+    fn detect(&mut self, view: PlantPoints<'_>, _random: &mut Stream) -> DetectedRows<'_> {
         self.remember(view);
         self.group_rows(view.odometry_from_robot);
-        let lines = [0, 1].map(|side| self.line(side, random));
-        let [left, right] = &self.supports;
+        let [left, right] = &self.sides;
+        let lines = [left, right].map(|side| RowLine::through(side.iter().copied()));
         DetectedRows { lines, supports: [left, right], plants: &[] }
     }
 }

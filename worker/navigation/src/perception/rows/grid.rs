@@ -12,7 +12,7 @@ const STEEPEST: f64 = 0.364;
 /// Draws for each pair that is wanted: many are of different rows.
 const DRAWS_PER_PAIR: u32 = 10;
 /// Fewer plants than this are no grid.
-const FEWEST_PLANTS: usize = 4;
+const FEWEST_PLANTS: usize = 3;
 
 /// A planting grid in the robot's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,8 +99,21 @@ impl GridSearch {
         best.1
     }
 
+    /// Nodes that have a plant. Of those far away each plant counts, also of one node.
     fn count(&self, grid: Option<&Grid>, centroids: &[[f64; 2]]) -> usize {
-        grid.map_or(0, |grid| centroids.iter().filter(|point| self.node(grid, **point).is_some()).count())
+        let Some(grid) = grid else { return 0 };
+        let (mut taken, mut count) = ([0_u64; 16], 0);
+        for [row, plant] in centroids.iter().filter_map(|point| self.node(grid, *point)) {
+            let (row, plant) = (row + 8.0, plant + 32.0);
+            if (0.0..16.0).contains(&row) && (0.0..64.0).contains(&plant) {
+                let (nodes, bit) = (&mut taken[row as usize], 1 << plant as u64);
+                count += usize::from(*nodes & bit == 0);
+                *nodes |= bit;
+            } else {
+                count += 1;
+            }
+        }
+        count
     }
 
     /// The grid in which `a` and `b` are plants of one row; none if they cannot be.
@@ -119,18 +132,28 @@ impl GridSearch {
     fn node(&self, grid: &Grid, point: [f64; 2]) -> Option<[f64; 2]> {
         let [along_m, across_m] = grid.local(point);
         let [plant, row] = [(along_m / self.planting_distance_m).round(), (across_m / self.row_distance_m).round()];
-        let [dx, dy] = [along_m - plant * self.planting_distance_m, across_m - row * self.row_distance_m];
-        (dx * dx + dy * dy < self.threshold_m * self.threshold_m).then_some([row, plant])
+        (self.square(grid, point, [row, plant]) < self.threshold_m * self.threshold_m).then_some([row, plant])
     }
 
+    /// Squared distance of a point from a node \[m^2\].
+    fn square(&self, grid: &Grid, point: [f64; 2], [row, plant]: [f64; 2]) -> f64 {
+        let [along_m, across_m] = grid.local(point);
+        let [dx, dy] = [along_m - plant * self.planting_distance_m, across_m - row * self.row_distance_m];
+        dx * dx + dy * dy
+    }
+
+    /// The plant of each node: the nearest centroid.
     fn assign(&self, grid: &Grid, centroids: &[[f64; 2]], plants: &mut Vec<OnGrid>) {
         plants.clear();
-        plants.extend(
-            centroids
-                .iter()
-                .enumerate()
-                .filter_map(|(index, point)| self.node(grid, *point).map(|[row, plant]| OnGrid { index, row, plant })),
-        );
+        for (index, point) in centroids.iter().enumerate() {
+            let Some([row, plant]) = self.node(grid, *point) else { continue };
+            let square = self.square(grid, *point, [row, plant]);
+            match plants.iter_mut().find(|other| other.row == row && other.plant == plant) {
+                None => plants.push(OnGrid { index, row, plant }),
+                Some(other) if square < self.square(grid, centroids[other.index], [row, plant]) => other.index = index,
+                Some(_) => {}
+            }
+        }
     }
 
     /// The grid of least squared distances to its plants.

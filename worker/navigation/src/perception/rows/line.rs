@@ -28,6 +28,12 @@ impl RowLine {
         Self::along(centre, scatter(points, centre)?)
     }
 
+    /// Whether it runs within 45 degrees of x.
+    #[must_use]
+    pub fn runs_ahead(&self) -> bool {
+        self.direction[1].abs() <= self.direction[0]
+    }
+
     /// Distance of a point from the line \[m\], positive to its left.
     #[must_use]
     pub fn left_of(&self, [x, y]: [f64; 2]) -> f64 {

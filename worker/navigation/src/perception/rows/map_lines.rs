@@ -17,6 +17,8 @@ super::row_parameters! {
         pub min_cluster_size: u32 = 15, "1", [1, 10000];
         /// The map reaches so far from the robot. Ours.
         pub window_m: f64 = 6.0, "m", [0.5, 30.0];
+        /// What was not seen for so many scans is forgotten: odometry drifts. Ours: as long as the window takes at 0.8 m/s.
+        pub memory_scans: u32 = 150, "1", [1, 100000];
         /// Side of a voxel. Ours.
         pub voxel_m: f64 = 0.03, "m", [0.005, 1.0];
         /// A centroid nearer than this to a node of the grid is a plant. Ours.
@@ -57,7 +59,7 @@ impl MapLines {
             pairs: params.grid_pairs,
         };
         Self {
-            map: LocalMap::new(params.voxel_m, params.window_m, params.cluster_tolerance_m),
+            map: LocalMap::new(params.voxel_m, (params.window_m, params.memory_scans), params.cluster_tolerance_m),
             params,
             search,
             centroids: Vec::new(),

@@ -1,7 +1,8 @@
 //! Two parallel lines at the rows' known distance, by random sample consensus.
 //!
 //! Vintu (2018), section 3.3.2. The second line is laid on that side of the first one on which the robot is (ours: the
-//! thesis does not say), and the best pair is fitted to its points at the end, as the library does with single lines.
+//! thesis does not say), lines at more than 45
+//! degrees to the robot are not tried, and the best pair is fitted to its points at the end, as the library does with single lines.
 
 use super::{DetectedRows, PlantPoints, RowDetector, RowLine};
 use crate::localization::PlantingMap;
@@ -42,9 +43,11 @@ impl ParallelLines {
     fn best(&self, random: &mut Stream) -> Option<Pair> {
         let n = self.points.len() as u32;
         let mut best = (0, None);
-        for _ in 0..self.params.max_iteration {
+        let tries = if n < 2 { 0 } else { self.params.max_iteration };
+        for _ in 0..tries {
             let [a, b] = [random.below(n), random.below(n)].map(|i| self.points[i as usize]);
-            let Some(line) = RowLine::along(a, [b[0] - a[0], b[1] - a[1]]) else { continue };
+            let line = RowLine::along(a, [b[0] - a[0], b[1] - a[1]]).filter(RowLine::runs_ahead);
+            let Some(line) = line else { continue };
             let pair = self.pair(line);
             let support = self.points.iter().filter(|point| self.side(&pair, **point).is_some()).count();
             if support > best.0 {

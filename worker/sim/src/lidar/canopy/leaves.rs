@@ -6,7 +6,7 @@
 //! Lambert, exactly, and a voxel that stops one ray stops the next one, too.
 
 /// Side of a voxel \[m\].
-pub(super) const VOXEL_M: f64 = 0.05;
+pub(super) const VOXEL_M: f64 = 0.15;
 const VOXELS_PER_M: f64 = 1.0 / VOXEL_M;
 /// Different depths, a power of two.
 const DEPTHS: usize = 1024;

@@ -8,10 +8,11 @@ use super::STEP_M;
 
 /// The relief fades into the bare plane over so much of the raster \[m\].
 const FADE_M: f64 = 1.0;
-/// Waves of the undulation, their lengths and their standard deviation together \[m\].
+/// Waves of the undulation, their lengths and their standard deviation together \[m\]: the thesis' simulation had no large differences
+/// in soil height (section 4.4.2).
 const WAVES: u32 = 4;
-const WAVE_LENGTH_M: [f64; 2] = [4.0, 12.0];
-const UNDULATION_M: f64 = 0.03;
+const WAVE_LENGTH_M: [f64; 2] = [8.0, 20.0];
+const UNDULATION_M: f64 = 0.01;
 /// What weights 1, 2, 1 across and along leave of the standard deviation of independent values.
 const SMOOTHED: f64 = 0.375;
 
