@@ -10,9 +10,11 @@ use std::process::Command;
 use std::{env, fs};
 
 /// Files that hold nothing but tests.
-const TEST_FILES: [&str; 10] = [
+const TEST_FILES: [&str; 12] = [
     "bench_scans.rs",
     "canopy/tests.rs",
+    "chain/tests.rs",
+    "cloud/oracle.rs",
     "conformance.rs",
     "fx10/tests.rs",
     "golden.rs",

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use crate::scenario::tests::{base, lane};
+use crate::scenario::tests::{base, lane, nursery};
 use crate::{Scenario, Seed, simulate};
 
 const FILE: &str = "golden/digests.json";
@@ -38,6 +38,33 @@ fn runs() -> BTreeMap<String, Scenario> {
         }
     }
     runs.extend(lane_runs());
+    runs.extend(nursery_runs());
+    runs
+}
+
+/// Short runs in nurseries and in the test garden.
+fn nursery_runs() -> BTreeMap<String, Scenario> {
+    let (pid, io) = ("pid", "io-linearization");
+    let mut runs = BTreeMap::new();
+    for (perception, localization, control, number) in [
+        ("pcl-lines", "none", pid, 5),
+        ("parallel-lines-ransac", "none", pid, 60),
+        ("centroid-lines", "none", pid, 20),
+        ("map-lines", "none", pid, 7),
+        ("map-lines", "pose-graph", io, 85),
+        ("oracle", "oracle", io, 99),
+    ] {
+        let mut scenario = nursery();
+        scenario["field"]["nursery"] = json!(number);
+        for (part, kind) in [("perception", perception), ("localization", localization), ("control", control)] {
+            scenario[part] = json!({"kind": kind});
+        }
+        scenario["limits"]["max_time_s"] = json!(20.0);
+        runs.insert(
+            format!("{perception}-{localization}-nursery-{number:03}"),
+            Scenario::from_value(scenario).unwrap(),
+        );
+    }
     runs
 }
 

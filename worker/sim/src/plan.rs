@@ -85,6 +85,32 @@ pub fn builtin() -> &'static [(&'static str, &'static str)] {
 mod tests {
     use super::*;
 
+    /// Ten different ones of a hundred, drawn by seed 1.
+    #[test]
+    fn the_ten_nurseries_of_the_parameter_tables_are_drawn_by_seed_1() {
+        let mut random = furrow_navigation::random::Stream::new(1, "ten-nurseries");
+        let mut drawn: Vec<u32> = Vec::new();
+        while drawn.len() < 10 {
+            let nursery = random.below(100);
+            if !drawn.contains(&nursery) {
+                drawn.push(nursery);
+            }
+        }
+        drawn.sort_unstable();
+        let expected: Vec<_> = drawn.iter().map(|nursery| format!("nursery-{nursery:03}")).collect();
+        for name in ["table-4-3", "table-4-4", "table-4-5", "table-4-6", "table-4-7", "table-4-8"] {
+            let name = format!("vintu2018/{name}");
+            let (_, text) = builtin().iter().find(|(known, _)| **known == name).unwrap();
+            let plan: Plan = serde_json::from_str(text).unwrap();
+            let fields = &plan.factors.iter().find(|factor| factor.name == "field").unwrap().levels;
+            let label = |level: &Level| match level {
+                Level::Patch(level) => level.label.clone(),
+                other => panic!("{other:?}"),
+            };
+            assert_eq!(fields.iter().map(label).collect::<Vec<_>>(), expected, "{name}");
+        }
+    }
+
     #[test]
     fn every_plan_file_is_a_plan_and_bears_its_name() {
         assert!(!builtin().is_empty());

@@ -79,6 +79,10 @@ impl Part {
         Self::Localization,
     ];
 
+    /// Those of a robot in a nursery alone.
+    pub const OF_NURSERIES: [Self; 4] =
+        [Self::Filtering, Self::GroundDetection, Self::RowDetection, Self::Localization];
+
     /// Its kebab-case name.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -215,6 +215,34 @@ mod tests {
         assert_ne!(first.digest, run(&scenario, Seed(2), &mut ()).digest);
     }
 
+    /// Odd fields and sensors, with every detector.
+    #[test]
+    fn whatever_the_field_or_the_sensor_a_run_ends_with_an_outcome() {
+        let fields = [
+            json!({"kind": "vintu2018", "missing_share": 1.0, "weed_factor": 0.0}),
+            json!({"kind": "vintu2018", "rows": 1}),
+            json!({"kind": "vintu2018", "rows": 2, "plants_per_row": 1}),
+            json!({"kind": "vintu2018", "nursery": 99, "rows": 2, "leaf_factor": 10.0}),
+        ];
+        let blind = json!({"kind": "fx10", "range_min_m": 0.3, "range_max_m": 0.31});
+        let sensors = [json!({"kind": "fx10"}), blind, json!({"kind": "fx10", "pattern": "lissajous"})];
+        let limits = ("limits", json!({"kind": "simulated-time", "max_time_s": 3.0}));
+        for field in &fields {
+            for sensors in &sensors {
+                for kind in ["pcl-lines", "parallel-lines-ransac", "centroid-lines", "map-lines", "oracle"] {
+                    let patches = [
+                        ("field", field.clone()),
+                        ("sensors", sensors.clone()),
+                        ("perception", json!({"kind": kind})),
+                        limits.clone(),
+                    ];
+                    let result = run(&scenario(&patches), Seed(1), &mut ());
+                    assert!(result.metrics.values().all(|value| value.is_finite()), "{kind}: {result:?}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn headings_beyond_half_a_turn_are_believed() {
         let start = Pose { x_m: -1.0, y_m: 0.0, heading_rad: 3.0 * PI };

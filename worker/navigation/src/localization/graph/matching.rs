@@ -130,8 +130,9 @@ mod tests {
     fn matches(map_from_robot: Pose, y_m: f64, angle_rad: f64) -> Vec<Measurement> {
         let (line, points) = line(y_m, angle_rad);
         let rows = DetectedRows { lines: [None, Some(line)], supports: [&[], &points], plants: &[] };
+        let params = GraphParams { line_gate_m: 0.35, ..GraphParams::default() };
         let mut found = Vec::new();
-        Matcher::new(&GraphParams::default(), &map(), map_from_robot).lines(&rows, |one| found.push(one));
+        Matcher::new(&params, &map(), map_from_robot).lines(&rows, |one| found.push(one));
         found
     }
 

@@ -58,7 +58,7 @@ crate::parameters! {
         /// Standard deviation of the odometry's turn, per radian of each 0.1 rad. Ours.
         pub odometry_turn_per_rad: f64 = 0.10, "1", [0.0, 10.0];
         /// Standard deviation of a line at a node; large, as the next nodes see the same plants. Ours.
-        pub line_sd_m: f64 = 0.05, "m", [0.001, 10.0];
+        pub line_sd_m: f64 = 0.07, "m", [0.001, 10.0];
         /// Standard deviation of a plant at a node, in each direction; large for the same reason. Ours.
         pub plant_sd_m: f64 = 0.1, "m", [0.001, 10.0];
         /// Points taken of each line. Ours.

@@ -1,5 +1,7 @@
 //! Points in small buckets of near ones, for searches of neighbours.
 
+use pulp::Simd;
+
 use super::Point3;
 
 /// Points in a bucket: whole vectors of any machine.
@@ -10,7 +12,7 @@ pub(super) const BLOCK: usize = 8;
 /// The points of a cloud, split in halves across its longest side again and again down to buckets of [`BUCKET`] points.
 #[derive(Debug, Default)]
 pub(super) struct Buckets {
-    /// Coordinates, bucket after bucket \[m\]; infinite where the last bucket has no more points.
+    /// Coordinates, bucket after bucket \[m\]; infinite for lost points, and where the last bucket has no more.
     pub(super) coordinates: [Vec<f64>; 3],
     /// What contains each bucket.
     pub(super) buckets: Boxes,
@@ -18,6 +20,8 @@ pub(super) struct Buckets {
     pub(super) blocks: Boxes,
     /// Which point each one is, below a key that it is sorted by.
     order: Vec<u64>,
+    /// The points in single precision, which is enough to sort by: the boxes are of what came of it.
+    coarse: Vec<[f32; 4]>,
 }
 
 /// Boxes along the axes \[m\].
@@ -32,7 +36,9 @@ impl Buckets {
     pub(super) fn sort(&mut self, points: &[Point3]) {
         self.order.clear();
         self.order.extend(0..points.len() as u64);
-        halve(&mut self.order, points);
+        self.coarse.clear();
+        self.coarse.extend(points.iter().map(|point| [point.x as f32, point.y as f32, point.z as f32, 0.0]));
+        halve(&mut self.order, &self.coarse);
         for (axis, coordinates) in self.coordinates.iter_mut().enumerate() {
             coordinates.clear();
             coordinates.extend(self.order.iter().map(|key| coordinate(&points[index(*key)], axis)));
@@ -42,7 +48,30 @@ impl Buckets {
         self.blocks.contain(&self.coordinates, BUCKET * BLOCK);
     }
 
-    /// How many points there are.
+    /// Takes the point at `place` out of all searches.
+    pub(super) fn lose(&mut self, place: usize) {
+        self.coordinates.iter_mut().for_each(|coordinates| coordinates[place] = f64::INFINITY);
+    }
+
+    pub(super) fn is_lost(&self, place: usize) -> bool {
+        self.coordinates[0][place] == f64::INFINITY
+    }
+
+    /// The points of the vector that begins at `first`.
+    #[inline(always)]
+    pub(super) fn vector<S: Simd>(&self, first: usize) -> [S::f64s; 3] {
+        let at = first / S::F64_LANES;
+        let [x, y, z] = &self.coordinates;
+        [S::as_simd_f64s(x).0[at], S::as_simd_f64s(y).0[at], S::as_simd_f64s(z).0[at]]
+    }
+
+    /// Which of them there are.
+    #[inline(always)]
+    pub(super) fn present<S: Simd>(&self, simd: S, first: usize) -> S::m64s {
+        simd.less_than_f64s(self.vector::<S>(first)[0], simd.splat_f64s(f64::INFINITY))
+    }
+
+    /// How many points were sorted.
     pub(super) fn len(&self) -> usize {
         self.order.len()
     }
@@ -72,39 +101,39 @@ impl Boxes {
     }
 }
 
-fn halve(order: &mut [u64], points: &[Point3]) {
+fn halve(order: &mut [u64], coarse: &[[f32; 4]]) {
     if order.len() <= BUCKET {
         return;
     }
-    let axis = longest_side(order, points);
+    let axis = longest_side(order, coarse);
     for key in order.iter_mut() {
-        *key = sortable(coordinate(&points[index(*key)], axis)) | (*key & u64::from(u32::MAX));
+        *key = sortable(coarse[index(*key)][axis]) | (*key & u64::from(u32::MAX));
     }
     let middle = order.len().div_ceil(BUCKET).next_power_of_two() / 2 * BUCKET;
     order.select_nth_unstable(middle);
     let (below, above) = order.split_at_mut(middle);
-    halve(below, points);
-    halve(above, points);
+    halve(below, coarse);
+    halve(above, coarse);
 }
 
-fn longest_side(order: &[u64], points: &[Point3]) -> usize {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+fn longest_side(order: &[u64], coarse: &[[f32; 4]]) -> usize {
+    let (mut low, mut high) = ([f32::INFINITY; 4], [f32::NEG_INFINITY; 4]);
     for key in order {
-        let point = &points[index(*key)];
-        for (axis, c) in [point.x, point.y, point.z].into_iter().enumerate() {
-            low[axis] = if c < low[axis] { c } else { low[axis] };
-            high[axis] = if c > high[axis] { c } else { high[axis] };
+        let point = coarse[index(*key)];
+        for axis in 0..4 {
+            low[axis] = if point[axis] < low[axis] { point[axis] } else { low[axis] };
+            high[axis] = if point[axis] > high[axis] { point[axis] } else { high[axis] };
         }
     }
     let [x, y, z] = [high[0] - low[0], high[1] - low[1], high[2] - low[2]];
     if x >= y && x >= z { 0 } else { 1 + usize::from(z > y) }
 }
 
-/// A coordinate's order in the upper half of a key. Single precision will do: the boxes are of what came of it.
-fn sortable(coordinate_m: f64) -> u64 {
-    let bits = (coordinate_m as f32).to_bits();
+/// A coordinate's order in the upper half of a key.
+const fn sortable(coordinate_m: f32) -> u64 {
+    let bits = coordinate_m.to_bits();
     let sign = (bits as i32 >> 31) as u32;
-    u64::from(bits ^ (sign | 0x8000_0000)) << 32
+    ((bits ^ (sign | 0x8000_0000)) as u64) << 32
 }
 
 #[inline(always)]

@@ -53,11 +53,9 @@ impl FrontEnd {
 
     /// Takes in the returns of a scan, in the LiDAR's frame \[m\], and removes outliers.
     pub fn filter(&mut self, returns: &[Point3]) {
-        let params = &self.params;
         self.points.clear();
         self.points.extend(returns.iter().filter(|point| point.is_finite()));
-        self.outliers.statistical(&mut self.points, params.outlier_neighbours as usize, params.outlier_deviations);
-        self.outliers.radius(&mut self.points, params.radius_neighbours as usize, params.radius_m);
+        self.outliers.remove(&mut self.points, &self.params);
         let robot_from_lidar = self.mount.robot_from_lidar();
         self.points.iter_mut().for_each(|point| *point = robot_from_lidar(*point));
     }

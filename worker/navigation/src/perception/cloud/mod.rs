@@ -10,6 +10,8 @@ pub mod front_end;
 pub mod line;
 pub mod local_map;
 mod nearest;
+#[cfg(test)]
+mod oracle;
 pub mod outliers;
 pub mod plane;
 pub mod scan;

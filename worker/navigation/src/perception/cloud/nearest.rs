@@ -3,24 +3,27 @@
 //! A box is passed over when even its nearest corner is too far. That is exact in floating point, too: distances to
 //! boxes and to points are computed by the same operations, each of which keeps order.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 
 use pulp::{Simd, WithSimd};
 
 use super::buckets::{BLOCK, BUCKET, Boxes, Buckets};
 
+/// Lists of so many stay in registers.
+const SHORT: usize = 11;
 /// Buckets that are looked at before any distance to a box is computed: the nearest ones, more often than not.
 const FAMILY: usize = 4;
 
 /// What a search keeps of the points around those of a vector.
 trait Seen<S: Simd> {
     /// Squared distances \[m^2\] from here on do not matter any more.
-    fn limit(&self, simd: S) -> f64;
+    fn limit(&mut self, simd: S) -> f64;
     /// One more point at these squared distances \[m^2\].
     fn see(&mut self, simd: S, squared: S::f64s);
 }
 
-/// Mean distance to the k nearest other points of each point, of which there are more than k.
+/// Mean distance to the k nearest other points of each point, of which there are more than k, none of them lost.
 pub(super) struct MeanDistances<'a> {
     pub(super) cloud: &'a Buckets,
     pub(super) k: usize,
@@ -35,41 +38,60 @@ impl WithSimd for MeanDistances<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let lanes = S::F64_LANES;
-        self.least.resize((self.k + 1) * lanes, 0.0);
-        for first in (0..self.cloud.len()).step_by(lanes) {
-            let present = lanes.min(self.cloud.len() - first);
-            let least = S::as_mut_simd_f64s(self.least).0;
-            least.fill(simd.partial_load_f64s(&[f64::INFINITY; BUCKET][..present]));
-            look_around(simd, self.cloud, first, &mut Least::<S>(least));
-            // The nearest of all is the point itself.
-            let mut sums = [0.0; BUCKET];
-            for squared in self.least.chunks_exact(lanes).skip(1) {
-                sums.iter_mut().zip(squared).for_each(|(sum, squared)| *sum += squared.sqrt());
-            }
-            for (lane, sum) in sums[..present].iter().enumerate() {
-                self.mean_m[self.cloud.index(first + lane)] = sum / self.k as f64;
-            }
+        let Self { cloud, k, least, mean_m } = self;
+        if k < SHORT {
+            mean_distances(simd, cloud, k, [simd.splat_f64s(0.0); SHORT], mean_m);
+        } else {
+            least.resize((k + 1) * S::F64_LANES, 0.0);
+            mean_distances(simd, cloud, k, S::as_mut_simd_f64s(least).0, mean_m);
+        }
+    }
+}
+
+/// With a list that has room for the `k` + 1 least distances of each point of a vector, or more.
+#[inline(always)]
+fn mean_distances<S: Simd>(simd: S, cloud: &Buckets, k: usize, least: impl AsMut<[S::f64s]>, mean_m: &mut [f64]) {
+    let mut least = Least::<S, _>(least, PhantomData);
+    let spare = least.0.as_mut().len() - (k + 1);
+    for first in (0..cloud.len()).step_by(S::F64_LANES) {
+        let present = cloud.present(simd, first);
+        let (none, farthest) = (simd.splat_f64s(0.0), simd.splat_f64s(f64::INFINITY));
+        let places = least.0.as_mut();
+        places.fill(simd.select_f64s(present, farthest, none));
+        // Nothing is below what spare places hold.
+        places[..spare].fill(none);
+        look_around(simd, cloud, first, &mut least);
+        // The nearest of all is the point itself.
+        let mut sums = simd.splat_f64s(0.0);
+        for squared in &least.0.as_mut()[spare + 1..] {
+            sums = simd.add_f64s(sums, simd.sqrt_f64s(*squared));
+        }
+        let mut each = [0.0; BUCKET];
+        simd.partial_store_f64s(&mut each[..S::F64_LANES], sums);
+        for (sum, place) in each[..S::F64_LANES].iter().zip(first..cloud.len()) {
+            mean_m[cloud.index(place)] = sum / k as f64;
         }
     }
 }
 
 /// The least squared distances, ascending; lanes without a point hold zeros.
-struct Least<'a, S: Simd>(&'a mut [S::f64s]);
+struct Least<S, L>(L, PhantomData<S>);
 
-impl<S: Simd> Seen<S> for Least<'_, S> {
+impl<S: Simd, L: AsMut<[S::f64s]>> Seen<S> for Least<S, L> {
     #[inline(always)]
-    fn limit(&self, simd: S) -> f64 {
-        simd.reduce_max_f64s(self.0[self.0.len() - 1])
+    fn limit(&mut self, simd: S) -> f64 {
+        let least = self.0.as_mut();
+        simd.reduce_max_f64s(least[least.len() - 1])
     }
 
     #[inline(always)]
     fn see(&mut self, simd: S, mut squared: S::f64s) {
-        let closer = simd.less_than_f64s(squared, self.0[self.0.len() - 1]);
+        let least = self.0.as_mut();
+        let closer = simd.less_than_f64s(squared, least[least.len() - 1]);
         if simd.first_true_m64s(closer) == S::F64_LANES {
             return;
         }
-        for place in self.0.iter_mut() {
+        for place in least.iter_mut() {
             let before = *place;
             *place = simd.min_f64s(squared, before);
             squared = simd.max_f64s(squared, before);
@@ -77,7 +99,7 @@ impl<S: Simd> Seen<S> for Least<'_, S> {
     }
 }
 
-/// Whether each point has at least k others within a radius.
+/// Whether each point has at least k others within a radius. Lost points have none and are none.
 pub(super) struct Accompanied<'a> {
     pub(super) cloud: &'a Buckets,
     pub(super) k: usize,
@@ -91,16 +113,16 @@ impl WithSimd for Accompanied<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let lanes = S::F64_LANES;
-        let (squared, enough) = (self.radius_m * self.radius_m, (self.k + 1) as f64);
-        for first in (0..self.cloud.len()).step_by(lanes) {
-            let mut within = Within { squared, enough, missing: simd.splat_f64s(enough) };
-            look_around(simd, self.cloud, first, &mut within);
+        let Self { cloud, k, radius_m, accompanied } = self;
+        let (none, enough) = (simd.splat_f64s(0.0), simd.splat_f64s((k + 1) as f64));
+        for first in (0..cloud.len()).step_by(S::F64_LANES) {
+            let missing = simd.select_f64s(cloud.present(simd, first), enough, none);
+            let mut within = Within::<S> { squared: radius_m * radius_m, missing };
+            look_around(simd, cloud, first, &mut within);
             let mut missing = [0.0; BUCKET];
-            simd.partial_store_f64s(&mut missing[..lanes], within.missing);
-            let present = lanes.min(self.cloud.len() - first);
-            for (lane, missing) in missing[..present].iter().enumerate() {
-                self.accompanied[self.cloud.index(first + lane)] = *missing <= 0.0;
+            simd.partial_store_f64s(&mut missing[..S::F64_LANES], within.missing);
+            for (missing, place) in missing[..S::F64_LANES].iter().zip(first..cloud.len()) {
+                accompanied[cloud.index(place)] = *missing <= 0.0 && !cloud.is_lost(place);
             }
         }
     }
@@ -109,13 +131,12 @@ impl WithSimd for Accompanied<'_> {
 /// How many points each still misses.
 struct Within<S: Simd> {
     squared: f64,
-    enough: f64,
     missing: S::f64s,
 }
 
 impl<S: Simd> Seen<S> for Within<S> {
     #[inline(always)]
-    fn limit(&self, simd: S) -> f64 {
+    fn limit(&mut self, simd: S) -> f64 {
         if simd.reduce_max_f64s(self.missing) > 0.0 { self.squared } else { f64::NEG_INFINITY }
     }
 
@@ -130,14 +151,12 @@ impl<S: Simd> Seen<S> for Within<S> {
 /// Shows `seen` all points that may matter to those of the vector that begins at `first`.
 #[inline(always)]
 fn look_around<S: Simd>(simd: S, cloud: &Buckets, first: usize, seen: &mut impl Seen<S>) {
-    let [x, y, z] = &cloud.coordinates;
-    let vector = first / S::F64_LANES;
-    let at = [S::as_simd_f64s(x).0[vector], S::as_simd_f64s(y).0[vector], S::as_simd_f64s(z).0[vector]];
+    let at = cloud.vector::<S>(first);
     let family = first / BUCKET / FAMILY * FAMILY;
     let family = family..(family + FAMILY).min(cloud.buckets.len());
     family.clone().for_each(|bucket| look_at(simd, cloud, bucket, at, seen));
     let mut limit = seen.limit(simd);
-    let own = OwnBox::around(cloud, first..(first + S::F64_LANES).min(cloud.len()));
+    let own = OwnBox::around(cloud, first..first + S::F64_LANES);
     for start in (0..cloud.blocks.len()).step_by(BLOCK) {
         let blocks = start..(start + BLOCK).min(cloud.blocks.len());
         let gaps = own.gaps(&cloud.blocks, blocks.clone());
@@ -170,7 +189,7 @@ fn look_at<S: Simd>(simd: S, cloud: &Buckets, bucket: usize, at: [S::f64s; 3], s
     }
 }
 
-/// The box around the points of a vector \[m\].
+/// The box around those points of a vector that are not lost \[m\].
 struct OwnBox {
     low: [f64; 3],
     high: [f64; 3],
@@ -183,7 +202,7 @@ impl OwnBox {
         for axis in 0..3 {
             for c in &cloud.coordinates[axis][places.clone()] {
                 low[axis] = if *c < low[axis] { *c } else { low[axis] };
-                high[axis] = larger(high[axis], *c);
+                high[axis] = if *c > high[axis] && *c < f64::INFINITY { *c } else { high[axis] };
             }
         }
         Self { low, high }

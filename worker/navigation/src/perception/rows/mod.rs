@@ -10,6 +10,9 @@ pub mod map_lines;
 pub mod parallel_lines;
 pub mod pcl_lines;
 
+#[cfg(test)]
+mod conformance;
+
 pub use line::RowLine;
 
 use crate::Pose;

@@ -1,5 +1,6 @@
 //! Rays among plants.
 
+use super::leaves::VOXEL_M;
 use super::*;
 use crate::Pose;
 use crate::field::vintu2018::{Crown, Pole, Standing};
@@ -98,7 +99,7 @@ fn a_crown_lets_through_as_beer_and_lambert_say() {
 
 #[test]
 fn leaves_stand_still() {
-    let canopy = Canopy::new(&[crown(0.0, 0.0, 0.4, 8.0)], 1);
+    let canopy = Canopy::new(&[crown(0.0, 0.0, 0.4, 2.0)], 1);
     let mut random = Stream::new(1, "rays");
     let mut voxels = std::collections::BTreeSet::new();
     let mut hits = 0;
@@ -108,12 +109,12 @@ fn leaves_stand_still() {
         let t = first(&canopy, &ray, FAR);
         if t.is_finite() {
             hits += 1;
-            let at = [0, 1, 2].map(|k| libm::floor((ray.origin[k] + t * ray.direction[k]) / 0.05) as i64);
+            let at = [0, 1, 2].map(|k| libm::floor((ray.origin[k] + t * ray.direction[k]) / VOXEL_M) as i64);
             voxels.insert(at);
         }
     }
-    // The sphere holds 2145 voxels, of which a third (1 - exp(-8 x 0.05)) stop a ray along an edge.
-    assert!(hits > 15_000 && voxels.len() < 1_300, "{hits} returns from {} voxels", voxels.len());
+    // The sphere reaches into some 150 voxels, of which a quarter (1 - exp(-2 x 0.15)) stop a ray along an edge.
+    assert!(hits > 5_000 && voxels.len() < 75, "{hits} returns from {} voxels", voxels.len());
 }
 
 #[test]

@@ -110,7 +110,7 @@ fn ground_and_plants_lie_where_they_are_whatever_the_tilt() {
 
 #[test]
 fn a_lidar_in_a_crown_sees_the_leaves_around_it() {
-    let nursery = nursery(Vintu2018Params { nursery: 99, missing_share: 0.0, ..Default::default() });
+    let nursery = nursery(Vintu2018Params { nursery: 99, missing_share: 0.0, leaf_factor: 5.0, ..Default::default() });
     let shape = nursery.shapes[40];
     let at = Pose { x_m: shape.x_m - 0.575, y_m: shape.y_m, heading_rad: 0.0 };
     let (points, _) = scan(&exact(), &nursery, at);
@@ -123,7 +123,7 @@ fn a_lissajous_scan_fills_the_field_of_view_and_moves_with_the_robot() {
     let params = Fx10Params { pattern: Pattern::Lissajous, ..exact() };
     let cells: std::collections::BTreeSet<_> = Fx10::new(&params).rays.cells.into_iter().collect();
     assert!(cells.len() > 900 && cells.iter().all(|cell| *cell < 2600), "{}", cells.len());
-    let nursery = nursery(Vintu2018Params { nursery: 30, ..Default::default() });
+    let nursery = nursery(Vintu2018Params { nursery: 30, leaf_factor: 0.0, ..Default::default() });
     let (from, to) = (Pose::default(), Pose { x_m: 0.08, y_m: 0.0, heading_rad: 0.08 });
     let mut lidar = Fx10::new(&params);
     let mut random = Stream::new(1, "lidar");

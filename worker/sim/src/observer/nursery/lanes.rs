@@ -11,11 +11,11 @@ const ENTERED_M: f64 = 0.5;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Violation {
     /// It entered a lane out of order.
-    WrongRow,
+    OutOfOrder,
     /// Its centre crossed a row.
-    CrossedRow,
+    Crossed,
     /// It entered a lane again.
-    SameRow,
+    Again,
 }
 
 /// Progress through the lanes.
@@ -45,17 +45,17 @@ impl Lanes {
         let inside = (0.0..=length_m).contains(&pose.x_m);
         let last = self.last.replace((lane, x_m));
         if last.is_some_and(|(before, _)| before != lane) && inside && self.is_at_a_row(last, lane) {
-            return Some(Violation::CrossedRow);
+            return Some(Violation::Crossed);
         }
         if !inside {
             self.leave(x_m);
             return None;
         }
-        let Some(number) = u32::try_from(lane).ok().filter(|lane| *lane < self.map.lanes()) else { return None };
+        let number = u32::try_from(lane).ok().filter(|lane| *lane < self.map.lanes())?;
         if self.active.is_none() && self.has_entered(pose.x_m) {
             let visited = number < self.next;
             if number != self.next {
-                return Some(if visited { Violation::SameRow } else { Violation::WrongRow });
+                return Some(if visited { Violation::Again } else { Violation::OutOfOrder });
             }
             self.active = Some(number);
             self.next = number + 1;
@@ -121,13 +121,12 @@ impl Lanes {
         self.whole() == self.map.lanes()
     }
 
-    /// Share of the lanes' length that was driven \[%\]; none without lanes.
+    /// Share of the lanes' length that was driven \[%\]; none without lanes of any length.
     pub(super) fn covered_percent(&self) -> Option<f64> {
-        if self.is_complete() {
-            return (self.map.lanes() > 0).then_some(100.0);
-        }
+        let all_m = self.map.row_length_m() * f64::from(self.map.lanes());
         let driven_m: f64 = self.driven.iter().flatten().map(|[from, to]| to - from).sum();
-        Some(100.0 * driven_m / (self.map.row_length_m() * f64::from(self.map.lanes())))
+        let percent = if self.is_complete() { 100.0 } else { 100.0 * driven_m / all_m };
+        (all_m > 0.0).then_some(percent)
     }
 }
 
@@ -190,14 +189,14 @@ mod tests {
     fn what_must_not_be_done_is_told_apart() {
         let start = (-1.0, 0.0);
         let after_the_first = [start, (11.0, 0.0)];
-        assert_eq!(drive(&mut lanes(true), &[start, (5.0, 0.0), (5.0, 1.0)]), Some(Violation::CrossedRow));
-        assert_eq!(drive(&mut lanes(false), &[start, (5.0, 0.0), (5.0, -1.0)]), Some(Violation::CrossedRow));
+        assert_eq!(drive(&mut lanes(true), &[start, (5.0, 0.0), (5.0, 1.0)]), Some(Violation::Crossed));
+        assert_eq!(drive(&mut lanes(false), &[start, (5.0, 0.0), (5.0, -1.0)]), Some(Violation::Crossed));
         let again = [&after_the_first[..], &[(5.0, 0.0)]].concat();
-        assert_eq!(drive(&mut lanes(true), &again), Some(Violation::SameRow));
+        assert_eq!(drive(&mut lanes(true), &again), Some(Violation::Again));
         let skipped = [&after_the_first[..], &[(11.0, 2.0), (5.0, 2.0)]].concat();
-        assert_eq!(drive(&mut lanes(true), &skipped), Some(Violation::WrongRow));
+        assert_eq!(drive(&mut lanes(true), &skipped), Some(Violation::OutOfOrder));
         let at_first = [start, (-1.0, 1.0), (5.0, 1.0)];
-        assert_eq!(drive(&mut lanes(true), &at_first), Some(Violation::WrongRow));
+        assert_eq!(drive(&mut lanes(true), &at_first), Some(Violation::OutOfOrder));
     }
 
     #[test]

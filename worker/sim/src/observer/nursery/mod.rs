@@ -79,9 +79,9 @@ impl<'a> NurseryObserver<'a> {
         self.damage.observe(world_from_robot, self.lanes.active());
         self.sample_error(world_from_robot);
         match violation {
-            Some(Violation::WrongRow) => return Some(Outcome::WrongRow),
-            Some(Violation::CrossedRow) => return Some(Outcome::CrossedRow),
-            Some(Violation::SameRow) => return Some(Outcome::SameRow),
+            Some(Violation::OutOfOrder) => return Some(Outcome::WrongRow),
+            Some(Violation::Crossed) => return Some(Outcome::CrossedRow),
+            Some(Violation::Again) => return Some(Outcome::SameRow),
             None => {}
         }
         if from_plants_m(&self.nursery.map, world_from_robot) > self.params.too_far_m {
