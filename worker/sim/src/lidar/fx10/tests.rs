@@ -131,7 +131,10 @@ fn a_lissajous_scan_fills_the_field_of_view_and_moves_with_the_robot() {
     let (before, after) = (still(from), still(to));
     let moving = lidar.scan(&nursery, to, from, &mut random).points.to_vec();
     let apart = |a: Option<&Point3>, b: Option<&Point3>| (a.unwrap().x - b.unwrap().x).abs();
-    assert!(apart(moving.first(), before.first()) < 0.001 && apart(moving.last(), after.last()) < 0.001);
+    // Far points of the ground move a lot with the robot's height.
+    let first = |points: &[Point3]| points.iter().find(|point| point.x < 3.0).copied();
+    assert!(apart(first(&moving).as_ref(), first(&before).as_ref()) < 0.001);
+    assert!(apart(moving.last(), after.last()) < 0.001);
     assert!(apart(before.last(), after.last()) > 0.01, "it moves on");
 }
 
