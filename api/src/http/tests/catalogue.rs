@@ -15,7 +15,7 @@ async fn items(path: &str) -> Vec<Value> {
 async fn fields_and_algorithms_are_listed_with_every_parameter() {
     let fields = items("/v1/fields").await;
     let kinds: Vec<&str> = fields.iter().map(|field| field["kind"].as_str().unwrap()).collect();
-    assert_eq!(kinds, ["guyonneau2022", "velasquez2022", "custom"]);
+    assert_eq!(kinds, ["guyonneau2022", "velasquez2022", "vintu2018", "custom"]);
 
     let algorithms = items("/v1/algorithms").await;
     let rgop = algorithms.iter().find(|choice| choice["kind"] == "rgop").unwrap();
