@@ -123,19 +123,21 @@ fn a_lissajous_scan_fills_the_field_of_view_and_moves_with_the_robot() {
     let params = Fx10Params { pattern: Pattern::Lissajous, ..exact() };
     let cells: std::collections::BTreeSet<_> = Fx10::new(&params).rays.cells.into_iter().collect();
     assert!(cells.len() > 900 && cells.iter().all(|cell| *cell < 2600), "{}", cells.len());
-    let nursery = nursery(Vintu2018Params { nursery: 30, leaf_factor: 0.0, ..Default::default() });
+    let nursery = nursery(Vintu2018Params { nursery: 30, ..Default::default() });
     let (from, to) = (Pose::default(), Pose { x_m: 0.08, y_m: 0.0, heading_rad: 0.08 });
     let mut lidar = Fx10::new(&params);
     let mut random = Stream::new(1, "lidar");
     let mut still = |at| lidar.scan(&nursery, at, at, &mut random).points.to_vec();
     let (before, after) = (still(from), still(to));
     let moving = lidar.scan(&nursery, to, from, &mut random).points.to_vec();
-    let apart = |a: Option<&Point3>, b: Option<&Point3>| (a.unwrap().x - b.unwrap().x).abs();
-    // Far points of the ground move a lot with the robot's height.
-    let first = |points: &[Point3]| points.iter().find(|point| point.x < 3.0).copied();
-    assert!(apart(first(&moving).as_ref(), first(&before).as_ref()) < 0.001);
-    assert!(apart(moving.last(), after.last()) < 0.001);
-    assert!(apart(before.last(), after.last()) > 0.01, "it moves on");
+    // Of twenty rays at either end; single ones pass the edge of a leaf or a clod by a hair.
+    let alike = |a: &mut dyn Iterator<Item = &Point3>, b: &mut dyn Iterator<Item = &Point3>| {
+        a.zip(b).take(20).filter(|(a, b)| (a.x - b.x).abs() < 0.001).count()
+    };
+    let begins = alike(&mut moving.iter(), &mut before.iter());
+    let ends = alike(&mut moving.iter().rev(), &mut after.iter().rev());
+    let stays = alike(&mut before.iter().rev(), &mut after.iter().rev());
+    assert!(begins > 12 && ends > 12 && stays < 5, "{begins} {ends} {stays}");
 }
 
 #[test]

@@ -124,7 +124,8 @@ impl Lanes {
     /// Share of the lanes' length that was driven \[%\]; none without lanes of any length.
     pub(super) fn covered_percent(&self) -> Option<f64> {
         let all_m = self.map.row_length_m() * f64::from(self.map.lanes());
-        let driven_m: f64 = self.driven.iter().flatten().map(|[from, to]| to - from).sum();
+        // Not `sum`, which is -0 of nothing.
+        let driven_m = self.driven.iter().flatten().fold(0.0, |sum, [from, to]| sum + (to - from));
         let percent = if self.is_complete() { 100.0 } else { 100.0 * driven_m / all_m };
         (all_m > 0.0).then_some(percent)
     }
