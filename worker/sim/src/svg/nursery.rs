@@ -99,3 +99,46 @@ impl Sheet {
         ));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use crate::run::LocatedNode;
+    use crate::scenario::tests::{base, nursery};
+    use crate::{Pose, Probe, Scenario, Seed, simulate, svg};
+
+    #[derive(Default)]
+    struct Watch(Vec<Pose>, Vec<LocatedNode>);
+
+    impl Probe for Watch {
+        fn pose(&mut self, _time_s: f64, pose: Pose) {
+            self.0.push(pose);
+        }
+        fn located(&mut self, node: &LocatedNode) {
+            self.1.push(node.clone());
+        }
+    }
+
+    #[test]
+    fn a_run_shows_every_plant_and_its_graph_every_node() {
+        let mut value = nursery();
+        value["field"]["nursery"] = json!(7);
+        value["limits"]["max_time_s"] = json!(10.0);
+        let scenario = Scenario::from_value(value).unwrap();
+        let mut watch = Watch::default();
+        let result = simulate(&scenario, Seed(1), &mut watch);
+        let Watch(path, nodes) = watch;
+        assert!(nodes.len() > 20 && nodes.iter().any(|node| node.matched_m.len() >= 2), "{}", nodes.len());
+        assert!(nodes.iter().flat_map(|node| &node.matched_m).all(|[from, to]| from[1] == to[1] && from[0] <= to[0]));
+        let plants = scenario.field.build(1).plants.len();
+        let drawing = svg::trajectory(&scenario, Seed(1), &path, &result);
+        assert!(drawing.matches("<circle").count() > plants && drawing.contains("localization pose-graph"));
+        let graph = svg::pose_graph(&scenario, Seed(1), &nodes, &result).unwrap();
+        // A mark of its own in the key, too.
+        assert_eq!(graph.matches(super::NODE).count(), nodes.len() + 1);
+        assert!(graph.ends_with("</svg>\n"));
+        assert_eq!(svg::pose_graph(&scenario, Seed(1), &[], &result), None, "without localization");
+        assert_eq!(svg::pose_graph(&Scenario::from_value(base()).unwrap(), Seed(1), &nodes, &result), None);
+    }
+}
