@@ -70,7 +70,11 @@ impl Probe for ScanRecorder {
             let every = sight.plants.len().div_ceil(POINTS).max(1);
             let seen = |point: &Point3| [centimetres(point.x), centimetres(point.y)];
             let points_cm = sight.plants.iter().step_by(every).map(seen).collect();
-            let lines_cm = sight.rows.lines.iter().flatten().map(piece_ahead).collect();
+            let piece = |line: &RowLine| {
+                let [[x0, y0], [x1, y1]] = line.piece(AHEAD_M);
+                [x0, y0, x1, y1].map(centimetres)
+            };
+            let lines_cm = sight.rows.lines.iter().flatten().map(piece).collect();
             self.scans.push(ThinnedScan {
                 time_s: self.time_s,
                 world_from_lidar: world_from_robot,
@@ -110,15 +114,6 @@ fn thinned(scan: &Scan<'_>) -> Vec<[i16; 2]> {
         .step_by(every)
         .map(|(range, (cos, sin))| [centimetres(range * cos), centimetres(range * sin)])
         .collect()
-}
-
-/// From the foot of the robot's centre on the line to some way ahead.
-fn piece_ahead(line: &RowLine) -> [i16; 4] {
-    let ([x, y], [dx, dy]) = (line.point, line.direction);
-    let to_foot_m = -(x * dx + y * dy);
-    let at = |along_m: f64| [x + (to_foot_m + along_m) * dx, y + (to_foot_m + along_m) * dy];
-    let ([x0, y0], [x1, y1]) = (at(0.0), at(AHEAD_M));
-    [x0, y0, x1, y1].map(centimetres)
 }
 
 fn lines(found: Detection<'_>) -> Vec<[i16; 4]> {

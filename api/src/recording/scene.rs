@@ -116,11 +116,7 @@ pub(super) fn found(time_ns: u64, mount: &Mount, detection: Detection<'_>) -> Sc
 
 /// The rows that were found in a scan of a 3D LiDAR, until the next one.
 pub(super) fn rows(time_ns: u64, period_ns: u64, rows: &DetectedRows<'_>) -> SceneUpdate {
-    let ends = rows.lines.iter().flatten().flat_map(|line| {
-        let ([x, y], [dx, dy]) = (line.point, line.direction);
-        let foot_m = -(x * dx + y * dy);
-        [foot_m, foot_m + AHEAD_M].map(|along_m| point([x + along_m * dx, y + along_m * dy], 0.0))
-    });
+    let ends = rows.lines.iter().flatten().flat_map(|line| line.piece(AHEAD_M)).map(|end| point(end, 0.0));
     let found = SceneEntity {
         lifetime: Some(duration(SCANS_SHOWN * period_ns)),
         lines: lines(Type::LineList, ends.collect(), BLUE),

@@ -13,6 +13,7 @@ pub mod control;
 pub mod labelled;
 pub mod localization;
 pub mod mission;
+pub mod odometry;
 pub mod parameters;
 pub mod perception;
 mod pose;

@@ -1,31 +1,13 @@
-//! Odometry with the errors of Eliazar and Parr (2004), as Vintu (2018) uses them (eqs. 3.2, 3.3).
-//!
-//! What the robot reports is drawn around what it did: a distance D' around D, a heading change T' around T and
-//! a drift C' across. The variance of a draw is quadratic in its length, so the noise of a given path would
-//! depend on the step: it is drawn once per 0.1 m or 0.1 rad, and the remainder is carried on.
+//! Odometry with the errors of [`OdometryNoise`]: a distance D' around D, a heading change T' around T and a drift C'
+//! across (Vintu 2018, eqs. 3.2, 3.3). What is left of a chunk is carried on.
 
+pub use furrow_navigation::odometry::OdometryNoise;
+
+use furrow_navigation::odometry::CHUNK;
 use furrow_navigation::random::Stream;
 
 use crate::Pose;
 use crate::robot::Motion;
-
-/// Noise is drawn per so much distance \[m\] or turn \[rad\].
-const CHUNK: f64 = 0.1;
-
-/// Standard deviations per distance or turn.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OdometryNoise {
-    /// Of the distance per distance \[m/m\].
-    pub distance_sd: f64,
-    /// Of the drift across per distance \[m/m\].
-    pub drift_sd: f64,
-    /// Of the drift across per turn \[m/rad\].
-    pub drift_turn_sd: f64,
-    /// Of the heading per distance \[rad/m\].
-    pub heading_sd: f64,
-    /// Of the heading per turn \[rad/rad\].
-    pub heading_turn_sd: f64,
-}
 
 /// Where the robot thinks it is, by its wheels alone.
 #[derive(Debug, Clone)]

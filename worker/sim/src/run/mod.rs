@@ -80,7 +80,8 @@ impl Part {
     ];
 
     /// Those of a robot in a nursery alone.
-    pub const OF_NURSERIES: [Self; 4] =
+    #[cfg(test)]
+    pub(crate) const OF_NURSERIES: [Self; 4] =
         [Self::Filtering, Self::GroundDetection, Self::RowDetection, Self::Localization];
 
     /// Its kebab-case name.

@@ -21,12 +21,13 @@ use nalgebra::Matrix3;
 
 use super::PlantingMap;
 use crate::Pose;
+use crate::odometry::OdometryNoise;
 use crate::perception::rows::DetectedRows;
 use chain::{Chain, LinearPrior};
 use edges::wrap;
 use matching::{MOST_PLANTS, Matcher};
 use measurement::MeasurementNoise;
-use odometry::{OdometryNoise, Travel};
+use odometry::Travel;
 
 pub use measurement::Measurement;
 
@@ -47,16 +48,16 @@ crate::parameters! {
         pub start_sd_m: f64 = 0.05, "m", [0.001, 10.0];
         /// Standard deviation of the start pose's heading: 1 degree. Ours.
         pub start_sd_rad: f64 = 0.017_453_292_519_943_295, "rad", [0.001, 3.2];
-        /// Standard deviation of the odometry's distance, per metre of each 0.1 m. Ours.
-        pub odometry_distance_per_m: f64 = 0.05, "1", [0.0, 10.0];
-        /// Standard deviation of the slip to the side, per metre of each 0.1 m. Ours.
-        pub odometry_slip_per_m: f64 = 0.02, "1", [0.0, 10.0];
-        /// Standard deviation of the slip to the side, per radian of each 0.1 rad. Ours.
-        pub odometry_slip_m_per_rad: f64 = 0.06, "m/rad", [0.0, 10.0];
-        /// Standard deviation of the odometry's turn, per metre of each 0.1 m. Ours.
-        pub odometry_turn_rad_per_m: f64 = 0.02, "rad/m", [0.0, 10.0];
-        /// Standard deviation of the odometry's turn, per radian of each 0.1 rad. Ours.
-        pub odometry_turn_per_rad: f64 = 0.10, "1", [0.0, 10.0];
+        /// Odometry: standard deviation of the distance per distance. Ours.
+        pub odometry_distance_sd: f64 = 0.05, "m/m", [0.0, 10.0];
+        /// Odometry: standard deviation of the drift across per distance. Ours.
+        pub odometry_drift_sd: f64 = 0.02, "m/m", [0.0, 10.0];
+        /// Odometry: standard deviation of the drift across per turn. Ours.
+        pub odometry_drift_turn_sd: f64 = 0.06, "m/rad", [0.0, 10.0];
+        /// Odometry: standard deviation of the heading per distance. Ours.
+        pub odometry_heading_sd: f64 = 0.02, "rad/m", [0.0, 10.0];
+        /// Odometry: standard deviation of the heading per turn. Ours.
+        pub odometry_heading_turn_sd: f64 = 0.10, "rad/rad", [0.0, 10.0];
         /// Standard deviation of a line at a node; large, as the next nodes see the same plants. Ours.
         pub line_sd_m: f64 = 0.07, "m", [0.001, 10.0];
         /// Standard deviation of a plant at a node, in each direction; large for the same reason. Ours.
@@ -84,11 +85,11 @@ impl GraphParams {
 
     fn odometry_noise(&self) -> OdometryNoise {
         OdometryNoise {
-            distance_per_m: self.odometry_distance_per_m,
-            slip_per_m: self.odometry_slip_per_m,
-            slip_per_rad: self.odometry_slip_m_per_rad,
-            turn_per_m: self.odometry_turn_rad_per_m,
-            turn_per_rad: self.odometry_turn_per_rad,
+            distance_sd: self.odometry_distance_sd,
+            drift_sd: self.odometry_drift_sd,
+            drift_turn_sd: self.odometry_drift_turn_sd,
+            heading_sd: self.odometry_heading_sd,
+            heading_turn_sd: self.odometry_heading_turn_sd,
         }
     }
 

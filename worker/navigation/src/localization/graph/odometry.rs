@@ -1,31 +1,13 @@
-//! How far the odometry's reading of a way may be off: the model of Eliazar and Parr, as in Vintu (2018), equation 3.3.
-//!
-//! Of each chunk of 0.1 m or 0.1 rad, whichever is full first, the distance, the slip to the side and the turn are
-//! normal with standard deviations of coefficient times way. Chunks are independent, so their variances add up.
+//! How far the odometry's reading of a way may be off, by [`OdometryNoise`]: the variances of its chunks of 0.1 m or
+//! 0.1 rad, whichever is full first, add up.
 
 use nalgebra::Matrix3;
 
 use crate::Pose;
+use crate::odometry::{CHUNK, OdometryNoise};
 
-/// A chunk \[m or rad\].
-const CHUNK: f64 = 0.1;
 /// What no odometry beats, on any way at all: 1 mm and 1 mrad. Keeps the information of short ways finite.
 const LEAST_VARIANCE: f64 = 1e-6;
-
-/// Standard deviations per metre and per radian of a chunk.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OdometryNoise {
-    /// Of the distance, per metre.
-    pub distance_per_m: f64,
-    /// Of the slip to the side \[m\], per metre.
-    pub slip_per_m: f64,
-    /// Of the slip to the side \[m\], per radian.
-    pub slip_per_rad: f64,
-    /// Of the turn \[rad\], per metre.
-    pub turn_per_m: f64,
-    /// Of the turn \[rad\], per radian.
-    pub turn_per_rad: f64,
-}
 
 /// The way since the last node, by the odometry.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,7 +31,7 @@ impl Travel {
         let node_from_robot = self.node_from_robot.compose(step);
         let (dx, dy) = (node_from_robot.x_m - self.node_from_robot.x_m, node_from_robot.y_m - self.node_from_robot.y_m);
         let carried = carry(self.covariance, dx, dy);
-        let own = turned(noise.covariance(step), self.node_from_robot.heading_rad + 0.5 * step.heading_rad);
+        let own = turned(covariance(noise, step), self.node_from_robot.heading_rad + 0.5 * step.heading_rad);
         Self { node_from_robot, covariance: carried + own }
     }
 
@@ -69,26 +51,24 @@ impl Travel {
     }
 }
 
-impl OdometryNoise {
-    /// Of a step on which distance and turn are even, in the frame half way along it.
-    fn covariance(&self, step: Pose) -> Matrix3<f64> {
-        let distance = (step.x_m * step.x_m + step.y_m * step.y_m).sqrt();
-        let turn = step.heading_rad.abs();
-        let longer = distance.max(turn);
-        if longer <= 0.0 {
-            return Matrix3::zeros();
-        }
-        // n = longer / CHUNK chunks, each of 1 / n of the way.
-        let variance = |per_m: f64, per_rad: f64| {
-            let (by_distance, by_turn) = (per_m * distance, per_rad * turn);
-            CHUNK / longer * (by_distance * by_distance + by_turn * by_turn)
-        };
-        Matrix3::from_diagonal(&nalgebra::Vector3::new(
-            variance(self.distance_per_m, 0.0),
-            variance(self.slip_per_m, self.slip_per_rad),
-            variance(self.turn_per_m, self.turn_per_rad),
-        ))
+/// Covariance of a step on which distance and turn are even, in the frame half way along it.
+fn covariance(noise: &OdometryNoise, step: Pose) -> Matrix3<f64> {
+    let distance = (step.x_m * step.x_m + step.y_m * step.y_m).sqrt();
+    let turn = step.heading_rad.abs();
+    let longer = distance.max(turn);
+    if longer <= 0.0 {
+        return Matrix3::zeros();
     }
+    // n = longer / CHUNK chunks, each of 1 / n of the way.
+    let variance = |per_m: f64, per_rad: f64| {
+        let (by_distance, by_turn) = (per_m * distance, per_rad * turn);
+        CHUNK / longer * (by_distance * by_distance + by_turn * by_turn)
+    };
+    Matrix3::from_diagonal(&nalgebra::Vector3::new(
+        variance(noise.distance_sd, 0.0),
+        variance(noise.drift_sd, noise.drift_turn_sd),
+        variance(noise.heading_sd, noise.heading_turn_sd),
+    ))
 }
 
 /// The covariance (`dx`, `dy`) further on: an error of the heading moves the place across the way.
@@ -110,11 +90,11 @@ pub(super) mod tests {
     use crate::random::Stream;
 
     pub const DEFAULT: OdometryNoise = OdometryNoise {
-        distance_per_m: 0.05,
-        slip_per_m: 0.02,
-        slip_per_rad: 0.06,
-        turn_per_m: 0.02,
-        turn_per_rad: 0.10,
+        distance_sd: 0.05,
+        drift_sd: 0.02,
+        drift_turn_sd: 0.06,
+        heading_sd: 0.02,
+        heading_turn_sd: 0.10,
     };
 
     /// What the odometry reports of a chunk: of `distance_m` and `turn_rad`, none of them beyond a chunk.

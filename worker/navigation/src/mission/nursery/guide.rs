@@ -34,7 +34,7 @@ impl Guide<'_> {
 
     /// Whether a line may be a row beside the robot: roughly ahead, and by the map near one of the lane's rows, and along it.
     fn is_a_row(&self, line: &RowLine) -> bool {
-        if line.direction[1].abs() > libm::sin(self.params.line_angle_rad) {
+        if !line.runs_ahead() {
             return false;
         }
         let Some(robot) = self.map_from_robot else { return true };

@@ -55,8 +55,12 @@ impl Manoeuvre {
         while let Some((leg, heading_rad)) = self.legs.get(self.leg).copied() {
             let from = *self.from.get_or_insert(pose);
             let left = left(leg, heading_rad, from, pose);
-            let near = if matches!(leg, Leg::Turn) { TURNED_RAD } else { DRIVEN_M };
-            if left.abs() > near && (matches!(leg, Leg::Turn) || left * distance(leg) > 0.0) {
+            let is_done = match leg {
+                Leg::Turn => left.abs() <= TURNED_RAD,
+                // Also if it went too far.
+                Leg::Drive(distance_m) => left * distance_m.signum() <= DRIVEN_M,
+            };
+            if !is_done {
                 return false;
             }
             self.leg += 1;
@@ -88,13 +92,6 @@ fn left(leg: Leg, heading_rad: f64, from: Pose, pose: Pose) -> f64 {
             let along = Pose { heading_rad, ..from };
             distance_m - along.local(pose.x_m, pose.y_m).0
         }
-    }
-}
-
-const fn distance(leg: Leg) -> f64 {
-    match leg {
-        Leg::Turn => 0.0,
-        Leg::Drive(distance_m) => distance_m,
     }
 }
 

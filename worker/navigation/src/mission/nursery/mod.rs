@@ -36,8 +36,6 @@ crate::parameters! {
         pub end_scans: u32 = 3, "1", [1, 1000];
         /// With localization: a lane is entered by the map for so far. Ours; the thesis says a few metres.
         pub enter_distance_m: f64 = 3.0, "m", [0.0, 100.0];
-        /// A detected line at a larger angle to the robot is none along a row. Ours: 45 degrees.
-        pub line_angle_rad: f64 = std::f64::consts::FRAC_PI_4, "rad", [0.01, 1.57];
         /// With localization: a detected line farther than this from its row in the map is dropped. Ours: less than half of any
         /// row distance, more than localization is off by.
         pub line_gate_m: f64 = 0.5, "m", [0.01, 10.0];
@@ -45,6 +43,9 @@ crate::parameters! {
         pub line_gate_rad: f64 = 15.0 * std::f64::consts::PI / 180.0, "rad", [0.01, 1.5];
     }
 }
+
+/// Yaw rate per angle to the way straight out of a row \[1/s\].
+const STRAIGHT_ON_PER_S: f64 = 2.0;
 
 /// What the mission is told at each scan.
 #[derive(Debug, Clone, Copy)]
@@ -97,6 +98,7 @@ pub struct NurseryMission {
     blind_m: f64,
     control: Box<dyn MidLineControl>,
     state: State,
+    /// The lane that it drives in, or that it will be in next; counted from 0.
     lane: u32,
     /// Of the last pose in the map, so that headings go on across half a turn \[rad\].
     heading_rad: f64,
@@ -114,12 +116,6 @@ impl NurseryMission {
     ) -> Self {
         let blind_m = lidar_x_m + 0.5 * map.row_distance_m / libm::tan(half_view_rad);
         Self { params, map, blind_m, control, state: State::Start, lane: 0, heading_rad: 0.0 }
-    }
-
-    /// The lane that it drives in, or that it will be in next; counted from 0.
-    #[must_use]
-    pub const fn lane(&self) -> u32 {
-        self.lane
     }
 
     /// From the robot's centre to where the LiDAR's view first meets the rows beside it \[m\].
@@ -164,11 +160,9 @@ impl NurseryMission {
             State::Enter if self.lane_x_m(sight).is_none_or(|x_m| x_m >= self.params.enter_distance_m) => self.follow(),
             State::Follow { few_scans, lines } => self.watch_for_the_end(few_scans, lines, sight),
             State::Exit { from, distance_m } if self.has_left(from, distance_m, sight) => self.change(sight),
-            State::Change(ref mut manoeuvre) => {
-                let pose = sight.map_from_robot.unwrap_or(sight.odometry_from_robot);
-                if manoeuvre.is_done(pose) {
-                    self.state = State::Search;
-                }
+            State::Change(mut manoeuvre) => {
+                let done = manoeuvre.is_done(self.pose(sight));
+                self.state = if done { State::Search } else { State::Change(manoeuvre) };
             }
             _ => {}
         }
@@ -206,7 +200,7 @@ impl NurseryMission {
             return self.along(line, dt_s);
         }
         let turned_rad = from.heading_rad - sight.odometry_from_robot.heading_rad;
-        Twist { linear_m_s: self.params.exit_speed_m_s, angular_rad_s: self.limited(2.0 * turned_rad) }
+        Twist { linear_m_s: self.params.exit_speed_m_s, angular_rad_s: self.limited(STRAIGHT_ON_PER_S * turned_rad) }
     }
 
     fn has_left(&self, from: Pose, distance_m: f64, sight: &NurserySight<'_>) -> bool {

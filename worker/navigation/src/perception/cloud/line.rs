@@ -5,6 +5,7 @@
 //! degrees to x, the robot's heading, are no rows, and not tried.
 
 use super::Point3;
+use super::eigen::{Axis, longest_axis};
 use crate::perception::rows::RowLine;
 use crate::random::Stream;
 
@@ -35,9 +36,9 @@ impl LineSearch {
             }
             Some((line, points.iter().filter(|point| line.left_of(**point).abs() < threshold_m).count()))
         })?;
-        self.take(points, |point| sampled.left_of(point).abs() < threshold_m);
+        self.take(points, |point| sampled.left_of(*point).abs() < threshold_m);
         let fitted = RowLine::through(self.inliers.iter().map(|i| points[*i])).unwrap_or(sampled);
-        self.take(points, |point| fitted.left_of(point).abs() < threshold_m);
+        self.take(points, |point| fitted.left_of(*point).abs() < threshold_m);
         Some(fitted)
     }
 
@@ -50,19 +51,14 @@ impl LineSearch {
         random: &mut Stream,
     ) -> Option<RowLine> {
         self.inliers.clear();
-        let near = |line: &[[f64; 3]; 2], point: &Point3| squared_distance(line, point) < threshold_m * threshold_m;
+        let near = |line: &Axis, point: &Point3| squared_distance(line, point) < threshold_m * threshold_m;
         let sampled = sample(points.len(), max_iterations, random, |[a, b]| {
             let line = through(&points[a], &points[b])?;
             Some((line, points.iter().filter(|point| near(&line, point)).count()))
         })?;
-        let mut take = |line: &[[f64; 3]; 2]| {
-            self.inliers.clear();
-            self.inliers.extend((0..points.len()).filter(|i| near(line, &points[*i])));
-        };
-        take(&sampled);
-        let fitted = super::eigen::longest_axis(self.inliers.iter().map(|i| points[*i])).unwrap_or(sampled);
-        self.inliers.clear();
-        self.inliers.extend((0..points.len()).filter(|i| near(&fitted, &points[*i])));
+        self.take(points, |point| near(&sampled, point));
+        let fitted = longest_axis(self.inliers.iter().map(|i| points[*i])).unwrap_or(sampled);
+        self.take(points, |point| near(&fitted, point));
         let [[x, y, _], [dx, dy, _]] = fitted;
         RowLine::along([x, y], [dx, dy])
     }
@@ -73,9 +69,9 @@ impl LineSearch {
         &self.inliers
     }
 
-    fn take(&mut self, points: &[[f64; 2]], is_near: impl Fn([f64; 2]) -> bool) {
+    fn take<P>(&mut self, points: &[P], is_near: impl Fn(&P) -> bool) {
         self.inliers.clear();
-        self.inliers.extend((0..points.len()).filter(|i| is_near(points[*i])));
+        self.inliers.extend((0..points.len()).filter(|i| is_near(&points[*i])));
     }
 }
 
@@ -106,19 +102,19 @@ fn sample<T>(
 }
 
 /// Samples of `size` points that hold one without outliers as surely as asked for, of which a share `inliers` is none.
-pub(super) fn iterations(inliers: f64, size: i32) -> f64 {
-    let good = inliers.powi(size).clamp(f64::EPSILON, 1.0 - f64::EPSILON);
+pub(super) fn iterations(inliers: f64, size: u32) -> f64 {
+    let good = (0..size).fold(1.0, |share, _| share * inliers).clamp(f64::EPSILON, 1.0 - f64::EPSILON);
     libm::log(1.0 - CONFIDENCE) / libm::log(1.0 - good)
 }
 
 /// A point and a unit direction; none of points that are one.
-fn through(a: &Point3, b: &Point3) -> Option<[[f64; 3]; 2]> {
+fn through(a: &Point3, b: &Point3) -> Option<Axis> {
     let d = [b.x - a.x, b.y - a.y, b.z - a.z];
     let length = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
     (length > 0.0 && length.is_finite()).then(|| [[a.x, a.y, a.z], d.map(|part| part / length)])
 }
 
-fn squared_distance([[x, y, z], [ux, uy, uz]]: &[[f64; 3]; 2], point: &Point3) -> f64 {
+fn squared_distance([[x, y, z], [ux, uy, uz]]: &Axis, point: &Point3) -> f64 {
     let (dx, dy, dz) = (point.x - x, point.y - y, point.z - z);
     let along = dx * ux + dy * uy + dz * uz;
     (dx * dx + dy * dy + dz * dz - along * along).max(0.0)

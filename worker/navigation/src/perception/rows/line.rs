@@ -28,6 +28,14 @@ impl RowLine {
         Self::along(centre, scatter(points, centre)?)
     }
 
+    /// From the foot of the robot's centre to `ahead_m` further along it \[m\].
+    #[must_use]
+    pub fn piece(&self, ahead_m: f64) -> [[f64; 2]; 2] {
+        let ([x, y], [dx, dy]) = (self.point, self.direction);
+        let foot_m = -(x * dx + y * dy);
+        [foot_m, foot_m + ahead_m].map(|along_m| [x + along_m * dx, y + along_m * dy])
+    }
+
     /// Whether it runs within 45 degrees of x.
     #[must_use]
     pub fn runs_ahead(&self) -> bool {

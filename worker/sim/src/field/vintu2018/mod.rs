@@ -6,8 +6,6 @@
 mod grow;
 mod layout;
 mod nursery;
-#[cfg(test)]
-mod pictures;
 mod shape;
 mod terrain;
 

@@ -142,10 +142,11 @@ impl<'a> NurseryObserver<'a> {
             metrics.insert("damaged_plants_percent", percent(self.damage.damaged()));
             metrics.insert("unavoidable_damage_percent", percent(self.damage.unavoidable()));
         }
-        let lanes = 0..self.nursery.map.lanes();
-        let passable: Vec<bool> = lanes.map(|lane| self.nursery.passable_lane(lane, self.body_width_m)).collect();
-        metrics.extend(share(&passable).map(|share| ("passable_lanes_percent", 100.0 * share)));
-        metrics.insert("passable_field", f64::from(u8::from(passable.iter().all(|passable| *passable))));
+        let passable = self.nursery.passable_lanes_share(self.body_width_m);
+        if self.nursery.map.lanes() > 0 {
+            metrics.insert("passable_lanes_percent", 100.0 * passable);
+        }
+        metrics.insert("passable_field", f64::from(u8::from(passable == 1.0)));
         metrics.extend(self.located.value().map(|square| ("localization_error_rms_m", square.sqrt())));
         if let Some(summary) = self.errors.summary() {
             metrics.insert("trajectory_error_mean_m", summary.mean_m);
@@ -156,11 +157,6 @@ impl<'a> NurseryObserver<'a> {
         let digest = digest(self.trajectory, outcome, &metrics);
         RunResult { digest, outcome, metrics, damaged: self.damage.damaged_plants(), interventions: Vec::new() }
     }
-}
-
-fn share(flags: &[bool]) -> Option<f64> {
-    let n = flags.iter().filter(|flag| **flag).count();
-    (!flags.is_empty()).then(|| n as f64 / flags.len() as f64)
 }
 
 /// Distance from the nearest planting position, whether or not a plant stands there \[m\].
