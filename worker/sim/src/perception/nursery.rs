@@ -17,16 +17,10 @@ pub(crate) enum RowPerception {
 }
 
 impl RowPerception {
-    /// In a nursery planted by `map`; `blind_m` is how far ahead of the robot's centre its view meets the rows.
-    pub(crate) fn new(
-        spec: &PerceptionSpec,
-        sensors: &Fx10Params,
-        map: &PlantingMap,
-        blind_m: f64,
-        seed: Seed,
-    ) -> Self {
+    /// In a nursery planted by `map`; of a row less than `end_m` ahead of the robot's centre the mission asks no points.
+    pub(crate) fn new(spec: &PerceptionSpec, sensors: &Fx10Params, map: &PlantingMap, end_m: f64, seed: Seed) -> Self {
         match spec {
-            PerceptionSpec::Simulated(SimulatedPerception::Oracle(_)) => Self::Oracle(RowOracle { map: *map, blind_m }),
+            PerceptionSpec::Simulated(SimulatedPerception::Oracle(_)) => Self::Oracle(RowOracle { map: *map, end_m }),
             PerceptionSpec::RowDetector(spec) => Self::Detector(Box::new(RowSight::new(spec, sensors, map, seed))),
             _ => unreachable!("a scenario is checked"),
         }
@@ -66,7 +60,7 @@ impl RowSight {
 /// Knows the rows beside the robot, and whether there are more plants ahead.
 pub(crate) struct RowOracle {
     map: PlantingMap,
-    blind_m: f64,
+    end_m: f64,
 }
 
 impl RowOracle {
@@ -80,7 +74,7 @@ impl RowOracle {
             RowLine::along([x, y], [cos, -sin])
         };
         let ahead_m = if cos >= 0.0 { self.map.row_length_m() - truth.x_m } else { truth.x_m };
-        let points = if ahead_m > self.blind_m { u32::MAX } else { 0 };
+        let points = if ahead_m > self.end_m { u32::MAX } else { 0 };
         (DetectedRows { lines: [row(lane), row(lane + 1)], ..DetectedRows::default() }, points)
     }
 }
@@ -90,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oracle_sees_the_rows_beside_the_robot_and_the_end_where_the_view_begins() {
+    fn the_oracle_sees_the_rows_beside_the_robot_and_their_end() {
         let map = PlantingMap {
             row_distance_m: 1.3,
             planting_distance_m: 0.4,
@@ -98,7 +92,7 @@ mod tests {
             plants_per_row: 21,
             lanes_to_the_left: false,
         };
-        let oracle = RowOracle { map, blind_m: 1.7 };
+        let oracle = RowOracle { map, end_m: 1.7 };
         let at = |x_m: f64, heading_rad: f64| oracle.see(Pose { x_m, y_m: -1.2, heading_rad });
         for heading_rad in [0.1, std::f64::consts::PI + 0.1] {
             let (rows, _) = at(4.0, heading_rad);

@@ -121,7 +121,7 @@ impl Pilot {
             lidar_noise: Stream::new(seed.0, "lidar"),
             odometry: Odometry::new(sensors.odometry_noise()),
             odometry_noise: Stream::new(seed.0, "odometry"),
-            perception: RowPerception::new(&scenario.perception, sensors, &nursery.map, mission.blind_m(), seed),
+            perception: RowPerception::new(&scenario.perception, sensors, &nursery.map, mission.end_m(), seed),
             in_map: InMap::new(&scenario.localization, nursery.map, believed_start(field.start, sensors, seed)),
             mission,
             scanned_at: field.start,

@@ -30,9 +30,10 @@ crate::parameters! {
         pub exit_distance_m: f64 = 1.0, "m", [0.0, 10.0];
         /// A row ends, by perception, at fewer plant points than this. Ours.
         pub end_points: u32 = 15, "1", [1, 100000];
-        /// Only points farther ahead than this count. Ours.
+        /// Only points farther than this beyond where the LiDAR's view meets the rows count: a shorter piece of the rows gives no
+        /// line. Ours.
         pub end_ahead_m: f64 = 1.0, "m", [0.0, 10.0];
-        /// In so many scans one after the other. Ours.
+        /// In so many scans one after the other; the row ended at the first of them. Ours.
         pub end_scans: u32 = 3, "1", [1, 1000];
         /// With localization: a lane is entered by the map for so far. Ours; the thesis says a few metres.
         pub enter_distance_m: f64 = 3.0, "m", [0.0, 100.0];
@@ -75,10 +76,9 @@ enum State {
     Start,
     Search,
     Enter,
-    /// `lines`: whether there was a line to follow in this lane.
+    /// In how many scans up to now there were too few plant points, and where the first of them was taken.
     Follow {
-        few_scans: u32,
-        lines: bool,
+        few: Option<(u32, Pose)>,
     },
     Exit {
         from: Pose,
@@ -118,17 +118,17 @@ impl NurseryMission {
         Self { params, map, blind_m, control, state: State::Start, lane: 0, heading_rad: 0.0 }
     }
 
-    /// From the robot's centre to where the LiDAR's view first meets the rows beside it \[m\].
+    /// From the robot's centre to the nearest points that count for the end of a row \[m\].
     #[must_use]
-    pub const fn blind_m(&self) -> f64 {
-        self.blind_m
+    pub const fn end_m(&self) -> f64 {
+        self.blind_m + self.params.end_ahead_m
     }
 
     /// How many of `points` count for the end of a row: ahead, and not beyond the rows beside the robot's own (ours).
     #[must_use]
     pub fn points_ahead(&self, points: &[Point3]) -> u32 {
-        let reach_m = self.map.row_distance_m;
-        let counts = |point: &&Point3| point.x > self.params.end_ahead_m && point.y.abs() <= reach_m;
+        let [end_m, reach_m] = [self.end_m(), self.map.row_distance_m];
+        let counts = |point: &&Point3| point.x > end_m && point.y.abs() <= reach_m;
         points.iter().filter(counts).count() as u32
     }
 
@@ -156,9 +156,9 @@ impl NurseryMission {
         match self.state {
             State::Start => self.follow(),
             State::Search if sight.map_from_robot.is_some() => self.state = State::Enter,
-            State::Search if sight.rows.lines.iter().all(Option::is_some) => self.follow(),
+            State::Search if self.guide(sight).beside(&sight.rows).iter().all(Option::is_some) => self.follow(),
             State::Enter if self.lane_x_m(sight).is_none_or(|x_m| x_m >= self.params.enter_distance_m) => self.follow(),
-            State::Follow { few_scans, lines } => self.watch_for_the_end(few_scans, lines, sight),
+            State::Follow { few } => self.watch_for_the_end(few, sight),
             State::Exit { from, distance_m } if self.has_left(from, distance_m, sight) => self.change(sight),
             State::Change(mut manoeuvre) => {
                 let done = manoeuvre.is_done(self.pose(sight));
@@ -170,11 +170,11 @@ impl NurseryMission {
 
     fn follow(&mut self) {
         self.control.restart();
-        self.state = State::Follow { few_scans: 0, lines: false };
+        self.state = State::Follow { few: None };
     }
 
-    /// The end of a row: by the map with localization, else by too few plant points, or no line in what there are.
-    fn watch_for_the_end(&mut self, few_scans: u32, lines: bool, sight: &NurserySight<'_>) {
+    /// The end of a row: by the map with localization, else by too few plant points.
+    fn watch_for_the_end(&mut self, few: Option<(u32, Pose)>, sight: &NurserySight<'_>) {
         let from = self.pose(sight);
         if let Some(x_m) = self.lane_x_m(sight) {
             if x_m >= self.map.row_length_m() {
@@ -182,14 +182,14 @@ impl NurseryMission {
             }
             return;
         }
-        let line = self.guide(sight).line(&sight.rows).is_some();
-        let few = sight.points_ahead < self.params.end_points || (lines && !line);
-        let few_scans = if few { few_scans + 1 } else { 0 };
-        self.state = if few_scans >= self.params.end_scans {
-            // The last plants are where the LiDAR's view begins.
-            State::Exit { from, distance_m: self.blind_m + self.params.exit_distance_m }
-        } else {
-            State::Follow { few_scans, lines: lines || line }
+        let is_few = sight.points_ahead < self.params.end_points;
+        let few = is_few.then(|| few.map_or((1, from), |(scans, from)| (scans + 1, from)));
+        self.state = match few {
+            // The last plants are where points begin to count.
+            Some((scans, from)) if scans >= self.params.end_scans => {
+                State::Exit { from, distance_m: self.end_m() + self.params.exit_distance_m }
+            }
+            _ => State::Follow { few },
         };
     }
 
@@ -265,4 +265,54 @@ impl NurseryMission {
 fn nearest_turn(angle_rad: f64, near_rad: f64) -> f64 {
     let turn = 2.0 * std::f64::consts::PI;
     angle_rad + turn * ((near_rad - angle_rad) / turn).round()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::mid_line::pid::{MidLinePid, MidLinePidParams};
+    use crate::perception::rows::RowLine;
+
+    const MAP: PlantingMap = PlantingMap {
+        row_distance_m: 1.3,
+        planting_distance_m: 0.4,
+        rows: 2,
+        plants_per_row: 20,
+        lanes_to_the_left: true,
+    };
+
+    fn mission() -> NurseryMission {
+        let control = Box::new(MidLinePid::new(&MidLinePidParams::default()));
+        NurseryMission::new(NurseryParams::default(), MAP, (0.575, 30_f64.to_radians()), control)
+    }
+
+    #[test]
+    fn only_points_that_still_give_a_line_count_for_the_end_of_a_row() {
+        let mission = mission();
+        let at = |x: f64, y: f64| Point3 { x, y, z: 0.2 };
+        // The view meets the rows 0.575 m + 0.65 m / tan 30 degrees ahead; a metre more counts.
+        assert!((mission.end_m() - 2.700_833).abs() < 1e-6);
+        assert_eq!(mission.points_ahead(&[at(2.69, 0.65), at(2.71, 0.65), at(2.71, -1.31), at(9.0, -1.29)]), 2);
+    }
+
+    #[test]
+    fn the_robot_leaves_a_row_by_the_place_of_the_first_scan_with_too_few_points() {
+        let (mut mission, mut x_m) = (mission(), 0.0);
+        let mut seen = |x_m: f64, points_ahead: u32| {
+            let rows = [0.65, -0.65].map(|y| RowLine::along([0.0, y], [1.0, 0.0]));
+            let rows = DetectedRows { lines: rows, ..DetectedRows::default() };
+            let odometry_from_robot = Pose { x_m, y_m: 0.0, heading_rad: 0.0 };
+            mission.step(&NurserySight { rows, points_ahead, odometry_from_robot, map_from_robot: None }, 0.1)
+        };
+        seen(0.0, 100);
+        // Two scans with few points are no end.
+        for points in [3, 3, 100, 3, 3, 3] {
+            x_m += 0.08;
+            assert!(matches!(seen(x_m, points), NurseryStep::Drive(_)));
+        }
+        let first_m = x_m - 2.0 * 0.08;
+        let leaves_m = first_m + 2.700_833 + 1.0;
+        assert!(matches!(seen(leaves_m - 0.01, 0), NurseryStep::Drive(_)));
+        assert_eq!(seen(leaves_m + 0.01, 0), NurseryStep::Finished);
+    }
 }

@@ -1,8 +1,8 @@
 //! A line on the ground by random sample consensus, as the point cloud library fits one.
 //!
 //! 99 % sure of a sample without outliers, the search ends early; a line replaces the best one only with more inliers; at the end it is fitted
-//! to its inliers, which are then taken again. A point supports a line that it is nearer to than the threshold. Ours: lines at more than 45
-//! degrees to x, the robot's heading, are no rows, and not tried.
+//! to its inliers, which are then taken again. A point supports a line that it is nearer to than the threshold. Ours: lines that are no rows by
+//! their direction are not tried.
 
 use super::Point3;
 use super::eigen::{Axis, longest_axis};

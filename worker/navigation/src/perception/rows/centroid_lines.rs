@@ -1,14 +1,15 @@
 //! Lines through the centroids of plants that the last scans showed.
 //!
 //! Vintu (2018), section 3.3.3. Silent there, ours: the queue is kept in the odometry's frame; a group of the second
-//! clustering that reaches to both sides of the robot, as in plantings as wide as they are long, is divided between them; of each side the
-//! largest group counts, and its line is that of least squared distances.
+//! clustering that is too wide for one row, as in plantings as wide as they are long, is divided at the robot's heading; of each side the
+//! largest group counts, and its line is found by random sampling, as in `pcl-lines`.
 
 use std::collections::VecDeque;
 
 use super::{DetectedRows, PlantPoints, RowDetector, RowLine};
 use crate::Pose;
 use crate::localization::PlantingMap;
+use crate::perception::cloud::line::LineSearch;
 use crate::perception::cloud::{Clusters, Point3};
 use crate::random::Stream;
 
@@ -21,6 +22,10 @@ super::row_parameters! {
         pub cluster_tolerance_m: f64 = 0.1, "m", [0.001, 5.0];
         /// Points of a plant at least. Paper: 10, table 4.5.
         pub min_cluster_size: u32 = 10, "1", [1, 10000];
+        /// A centroid nearer than this to a line supports it. Ours: as in `pcl-lines`.
+        pub dist_threshold_m: f64 = 0.3, "m", [0.001, 5.0];
+        /// Pairs of centroids that are tried per line at most. Ours: as in `pcl-lines`.
+        pub max_iteration: u32 = 20, "1", [1, 10000];
         /// Plants of one row are linked over gaps up to so many planting distances. Ours.
         pub row_tolerance: f64 = 1.5, "1", [0.1, 100.0];
     }
@@ -31,7 +36,9 @@ super::row_parameters! {
 pub struct CentroidLines {
     params: CentroidLinesParams,
     row_tolerance_m: f64,
+    row_distance_m: f64,
     clusters: Clusters,
+    search: LineSearch,
     /// Centroids on the ground in the odometry's frame, the oldest first.
     queue: VecDeque<[f64; 2]>,
     /// The same in the robot's frame, without heights.
@@ -48,7 +55,9 @@ impl CentroidLines {
         Self {
             row_tolerance_m: params.row_tolerance * map.planting_distance_m,
             params,
+            row_distance_m: map.row_distance_m,
             clusters: Clusters::default(),
+            search: LineSearch::default(),
             queue: VecDeque::new(),
             centroids: Vec::new(),
             sides: Default::default(),
@@ -81,8 +90,11 @@ impl CentroidLines {
         self.sides.iter_mut().for_each(Vec::clear);
         for cluster in self.clusters.find(&self.centroids, self.row_tolerance_m, 1) {
             self.group.iter_mut().for_each(Vec::clear);
-            for point in cluster.iter().map(|i| &self.centroids[*i as usize]) {
-                self.group[usize::from(point.y < 0.0)].push([point.x, point.y]);
+            let points = cluster.iter().map(|i| &self.centroids[*i as usize]).map(|point| [point.x, point.y]);
+            let row = single_row(points.clone(), self.row_distance_m);
+            for point in points {
+                let is_right = row.map_or(point[1] < 0.0, |row| row.left_of([0.0, 0.0]) > 0.0);
+                self.group[usize::from(is_right)].push(point);
             }
             for (side, group) in self.sides.iter_mut().zip(&mut self.group) {
                 if group.len() > side.len() {
@@ -94,11 +106,20 @@ impl CentroidLines {
 }
 
 impl RowDetector for CentroidLines {
-    fn detect(&mut self, view: PlantPoints<'_>, _random: &mut Stream) -> DetectedRows<'_> {
+    fn detect(&mut self, view: PlantPoints<'_>, random: &mut Stream) -> DetectedRows<'_> {
         self.remember(view);
         self.group_rows(view.odometry_from_robot);
         let [left, right] = &self.sides;
-        let lines = [left, right].map(|side| RowLine::through(side.iter().copied()));
+        let search = &mut self.search;
+        let CentroidLinesParams { dist_threshold_m, max_iteration, .. } = self.params;
+        let lines = [left, right].map(|side| search.find(side, dist_threshold_m, max_iteration, random));
         DetectedRows { lines, supports: [left, right], plants: &[] }
     }
+}
+
+/// The row that all of `points` belong to: a line ahead with all of them within a quarter of the row distance; none if there is none.
+fn single_row(points: impl Iterator<Item = [f64; 2]> + Clone, row_distance_m: f64) -> Option<RowLine> {
+    let line = RowLine::through(points.clone()).filter(RowLine::runs_ahead)?;
+    let mut points = points;
+    points.all(|point| line.left_of(point).abs() < 0.25 * row_distance_m).then_some(line)
 }

@@ -4,11 +4,10 @@
 //! degrees of the robot's heading; the last scan's grid counts as the first hypothesis; the best grid is fitted to its plants at
 //! the end.
 
+use super::line::is_ahead;
 use crate::Pose;
 use crate::random::Stream;
 
-/// Tangent of the largest angle between rows and the robot's heading, 20 degrees.
-const STEEPEST: f64 = 0.364;
 /// Draws for each pair that is wanted: many are of different rows.
 const DRAWS_PER_PAIR: u32 = 10;
 /// Fewer plants than this are no grid.
@@ -122,7 +121,7 @@ impl GridSearch {
         let length_m = (dx * dx + dy * dy).sqrt();
         let plants = (length_m / self.planting_distance_m).round();
         let fits = (length_m - plants * self.planting_distance_m).abs() < self.threshold_m;
-        (plants >= 1.0 && fits && dy.abs() <= STEEPEST * dx.abs()).then(|| {
+        (plants >= 1.0 && fits && is_ahead([dx, dy])).then(|| {
             let ahead = if dx < 0.0 { -length_m } else { length_m };
             Grid { origin: a, along: [dx / ahead, dy / ahead] }
         })

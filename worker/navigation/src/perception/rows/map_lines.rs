@@ -15,9 +15,9 @@ super::row_parameters! {
         pub cluster_tolerance_m: f64 = 0.06, "m", [0.001, 5.0];
         /// Points of a plant at least, one per voxel. Paper: 15, table 4.7.
         pub min_cluster_size: u32 = 15, "1", [1, 10000];
-        /// The map reaches so far from the robot. Ours.
-        pub window_m: f64 = 6.0, "m", [0.5, 30.0];
-        /// What was not seen for so many scans is forgotten: odometry drifts. Ours: as long as the window takes at 0.8 m/s.
+        /// The map reaches so far from the robot. Ours: as far as the LiDAR.
+        pub window_m: f64 = 15.0, "m", [0.5, 30.0];
+        /// What was not seen for so many scans is forgotten: odometry drifts. Ours: 15 s, the way of 12 m.
         pub memory_scans: u32 = 150, "1", [1, 100000];
         /// Side of a voxel. Ours.
         pub voxel_m: f64 = 0.03, "m", [0.005, 1.0];

@@ -29,12 +29,12 @@ macro_rules! row_parameters {
                 $($own)*
                 /// Statistical outlier removal: neighbours whose mean distance counts. Ours.
                 pub outlier_neighbours: u32 = 10, "1", [1, 100];
-                /// How many standard deviations above the mean a point's may be. Ours.
-                pub outlier_deviations: f64 = 1.0, "1", [0.0, 100.0];
+                /// How many standard deviations above the mean a point's may be. Ours: what is far is sparse, and should stay.
+                pub outlier_deviations: f64 = 3.0, "1", [0.0, 100.0];
                 /// Radius outlier removal: neighbours that a point must have. Ours.
                 pub radius_neighbours: u32 = 3, "1", [0, 100];
-                /// Within this distance. Ours.
-                pub radius_m: f64 = 0.15, "m", [0.001, 10.0];
+                /// Within this distance. Ours: as far apart as neighbouring rays are at the LiDAR's full range, 15 m.
+                pub radius_m: f64 = 0.35, "m", [0.001, 10.0];
                 /// Ground plane: triples of points that are tried at most. Ours.
                 pub ground_iterations: u32 = 100, "1", [1, 10000];
                 /// Points nearer to it belong to the ground, plants stand higher. Ours.

@@ -11,9 +11,11 @@ const ROD_FIELDS_M: [f64; 2] = [0.5, 2.0];
 /// Radius of a rod, and its distance from the stem \[m\].
 const ROD_RADIUS_M: f64 = 0.006;
 const ROD_BESIDE_M: f64 = 0.05;
-/// A beech's crown begins at this share of its height, and at so much more per metre of height: 0.3 at 4 m.
+/// A beech's crown begins at this share of its height, and at so much more per metre of height, but no higher than the last:
+/// nurseries clear the stems of standard trees up to about 1.5 m at a height of 2.5 m and 1.75 m at 3 m (as graded by BS 3936-1).
 const CROWN_BASE_SHARE: f64 = 0.1;
-const CROWN_BASE_PER_M: f64 = 0.05;
+const CROWN_BASE_PER_M: f64 = 0.2;
+const CROWN_BASE_MOST_M: f64 = 1.75;
 /// Centre of a shrub's crown as a share of its height: the ground cuts the ellipsoid off where it is still wide.
 const SHRUB_CENTRE_SHARE: f64 = 0.4;
 /// What rays lose per metre of the smallest and of the largest crowns of a species \[1/m\]: half of the leaf area per volume, for
@@ -100,7 +102,7 @@ pub(super) fn weed(plant: &Plant, foot_z_m: f64, leaf_factor: f64) -> Shape {
 /// The stem shows up to the middle of the crown.
 fn beech(plant: &Plant, rod: Option<Pole>, foot_z_m: f64, per_m: f64) -> Shape {
     let height_m = plant.height_m;
-    let base_m = height_m * (CROWN_BASE_SHARE + CROWN_BASE_PER_M * height_m.min(STEM_FULL_M));
+    let base_m = (height_m * (CROWN_BASE_SHARE + CROWN_BASE_PER_M * height_m)).min(CROWN_BASE_MOST_M);
     let crown = Crown {
         z_m: foot_z_m + 0.5 * (base_m + height_m),
         radius_m: plant.radius_m,
