@@ -93,6 +93,8 @@ export async function showRun(main, { id, signal }) {
               h("span", { class: "muted" }, "The path as"),
               download("SVG", `/v1/jobs/${job.id}/trajectory.svg`, `run-${job.id}.svg`),
               download("CSV", `/v1/jobs/${job.id}/trajectory?format=csv`, `run-${job.id}.csv`),
+              job.scenario.localization.kind === "pose-graph" &&
+                download("Pose graph", `/v1/jobs/${job.id}/pose-graph.svg`, `pose-graph-${job.id}.svg`),
             ),
           ),
       ),

@@ -113,6 +113,19 @@ async fn a_sweep_is_submitted_watched_and_its_run_replayed_in_a_browser() {
     browser.until("Number(document.getElementById('replay-time').value) > 3").await;
     is_fit_everywhere(&mut browser, "lane").await;
 
+    let garden = json!({"plan": "vintu2018/real-garden", "only": {"algorithm": ["map-lines"]},
+        "set": {"limits.max_time_s": 8}, "seeds": 1});
+    let garden = server.submit(&garden).await;
+    server.done(garden).await;
+    let run = server.jobs(garden).await[0]["id"].clone();
+    browser.go(&format!("{}/#/runs/{run}", server.url)).await;
+    browser.until("[...document.querySelectorAll('.links a')].some((link) => link.innerText === 'Pose graph')").await;
+    browser.click("#replay-play").await;
+    browser.until("Number(document.getElementById('replay-time').value) > 3").await;
+    is_fit_everywhere(&mut browser, "nursery").await;
+    let graph = server.text(&format!("/v1/jobs/{run}/pose-graph.svg")).await;
+    assert!(graph.starts_with("<svg") && graph.contains(">node<"), "{graph}");
+
     for (page, name) in [("/#/", "sweeps"), ("/#/workers", "workers"), ("/docs", "docs")] {
         browser.go(&format!("{}{page}", server.url)).await;
         browser.until("document.querySelector('main .card, main .sweep')").await;

@@ -123,3 +123,40 @@ fn single_row(points: impl Iterator<Item = [f64; 2]> + Clone, row_distance_m: f6
     let mut points = points;
     points.all(|point| line.left_of(point).abs() < 0.25 * row_distance_m).then_some(line)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Plants of two rows, a lane of `row_m` between them, seen from its middle by a robot turned by `heading_rad` to the left.
+    fn sides(row_m: f64, planting_m: f64, heading_rad: f64) -> [Vec<[f64; 2]>; 2] {
+        let (rows, plants_per_row, lanes_to_the_left) = (2, 20, true);
+        let map = PlantingMap {
+            row_distance_m: row_m,
+            planting_distance_m: planting_m,
+            rows,
+            plants_per_row,
+            lanes_to_the_left,
+        };
+        let mut detector = CentroidLines::new(CentroidLinesParams::default(), &map);
+        let places = (0..5).flat_map(|i| [0.5, -0.5].map(|side| [1.7 + f64::from(i) * planting_m, side * row_m]));
+        detector.queue.extend(places);
+        detector.group_rows(Pose { heading_rad, ..Pose::default() });
+        detector.sides
+    }
+
+    #[test]
+    fn a_row_that_crosses_the_robots_heading_stays_on_its_side() {
+        let [left, right] = sides(1.3, 0.4, 0.3);
+        assert_eq!([left.len(), right.len()], [5, 5]);
+        // The far end of the left row lies to the right of the heading.
+        assert!(left.iter().any(|point| point[1] < 0.0) && left[0][1] > 0.0);
+    }
+
+    #[test]
+    fn a_group_of_two_rows_is_divided_at_the_heading() {
+        let [left, right] = sides(1.5, 1.6, 0.0);
+        assert!(left.iter().all(|point| point[1] > 0.0) && right.iter().all(|point| point[1] < 0.0));
+        assert_eq!([left.len(), right.len()], [5, 5]);
+    }
+}
