@@ -67,6 +67,7 @@ async fn a_sweep_outlives_its_killed_coordinator_with_every_job_run_once() {
 
 /// Waits until the worker has put `more` records into its spool than are there now, which may go when it is compacted.
 pub(crate) async fn finished_runs(spool: &Path, more: usize) {
+    // More than a record's mark, length and checksum: no two are alike.
     const HEAD: usize = 64;
     let records = || {
         let held = fs::read(spool).unwrap();

@@ -17,7 +17,7 @@ pub(crate) enum RowPerception {
 }
 
 impl RowPerception {
-    /// In a nursery planted by `map`; of a row less than `end_m` ahead of the robot's centre the mission asks no points.
+    /// In a nursery planted by `map`; plant points farther ahead of the robot's centre than `end_m` tell the mission that its row goes on.
     pub(crate) fn new(spec: &PerceptionSpec, sensors: &Fx10Params, map: &PlantingMap, end_m: f64, seed: Seed) -> Self {
         match spec {
             PerceptionSpec::Simulated(SimulatedPerception::Oracle(_)) => Self::Oracle(RowOracle { map: *map, end_m }),
@@ -60,6 +60,7 @@ impl RowSight {
 /// Knows the rows beside the robot, and whether there are more plants ahead.
 pub(crate) struct RowOracle {
     map: PlantingMap,
+    /// From the robot's centre \[m\].
     end_m: f64,
 }
 

@@ -94,8 +94,8 @@ enum State {
 pub struct NurseryMission {
     params: NurseryParams,
     map: PlantingMap,
-    /// From the robot's centre to where the middle of a LiDAR's view first meets the rows beside it \[m\].
-    blind_m: f64,
+    /// From the robot's centre to the nearest points that count for the end of a row \[m\].
+    end_m: f64,
     control: Box<dyn MidLineControl>,
     state: State,
     /// The lane that it drives in, or that it will be in next; counted from 0.
@@ -114,20 +114,21 @@ impl NurseryMission {
         (lidar_x_m, half_view_rad): (f64, f64),
         control: Box<dyn MidLineControl>,
     ) -> Self {
-        let blind_m = lidar_x_m + 0.5 * map.row_distance_m / libm::tan(half_view_rad);
-        Self { params, map, blind_m, control, state: State::Start, lane: 0, heading_rad: 0.0 }
+        let view_from_m = lidar_x_m + 0.5 * map.row_distance_m / libm::tan(half_view_rad);
+        let end_m = view_from_m + params.end_ahead_m;
+        Self { params, map, end_m, control, state: State::Start, lane: 0, heading_rad: 0.0 }
     }
 
     /// From the robot's centre to the nearest points that count for the end of a row \[m\].
     #[must_use]
     pub const fn end_m(&self) -> f64 {
-        self.blind_m + self.params.end_ahead_m
+        self.end_m
     }
 
     /// How many of `points` count for the end of a row: ahead, and not beyond the rows beside the robot's own (ours).
     #[must_use]
     pub fn points_ahead(&self, points: &[Point3]) -> u32 {
-        let [end_m, reach_m] = [self.end_m(), self.map.row_distance_m];
+        let [end_m, reach_m] = [self.end_m, self.map.row_distance_m];
         let counts = |point: &&Point3| point.x > end_m && point.y.abs() <= reach_m;
         points.iter().filter(counts).count() as u32
     }
@@ -187,7 +188,7 @@ impl NurseryMission {
         self.state = match few {
             // The last plants are where points begin to count.
             Some((scans, from)) if scans >= self.params.end_scans => {
-                State::Exit { from, distance_m: self.end_m() + self.params.exit_distance_m }
+                State::Exit { from, distance_m: self.end_m + self.params.exit_distance_m }
             }
             _ => State::Follow { few },
         };

@@ -31,6 +31,9 @@ super::row_parameters! {
     }
 }
 
+/// Plants of one row lie this near to its line, as a share of the row distance.
+const ROW_HALF_WIDTH: f64 = 0.25;
+
 /// The detector.
 #[derive(Debug, Clone)]
 pub struct CentroidLines {
@@ -117,11 +120,10 @@ impl RowDetector for CentroidLines {
     }
 }
 
-/// The row that all of `points` belong to: a line ahead with all of them within a quarter of the row distance; none if there is none.
-fn single_row(points: impl Iterator<Item = [f64; 2]> + Clone, row_distance_m: f64) -> Option<RowLine> {
+/// The row that all of `points` \[m\] belong to: a line ahead that none of them is far from; none if they are of several rows.
+fn single_row(mut points: impl Iterator<Item = [f64; 2]> + Clone, row_distance_m: f64) -> Option<RowLine> {
     let line = RowLine::through(points.clone()).filter(RowLine::runs_ahead)?;
-    let mut points = points;
-    points.all(|point| line.left_of(point).abs() < 0.25 * row_distance_m).then_some(line)
+    points.all(|point| line.left_of(point).abs() < ROW_HALF_WIDTH * row_distance_m).then_some(line)
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Two parallel lines at the rows' known distance, by random sample consensus.
 //!
 //! Vintu (2018), section 3.3.2. The second line is laid on that side of the first one on which the robot is (ours: the
-//! thesis does not say), lines that are no rows by their direction are not tried, and the best pair is fitted to its points at the end, as the library does with single lines.
+//! thesis does not say), lines that are no rows by their direction are not tried, and the best pair is fitted to its points
+//! at the end, as the library does with single lines.
 
 use super::{DetectedRows, PlantPoints, RowDetector, RowLine};
 use crate::localization::PlantingMap;

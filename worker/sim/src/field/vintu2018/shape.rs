@@ -12,7 +12,7 @@ const ROD_FIELDS_M: [f64; 2] = [0.5, 2.0];
 const ROD_RADIUS_M: f64 = 0.006;
 const ROD_BESIDE_M: f64 = 0.05;
 /// A beech's crown begins at this share of its height, and at so much more per metre of height, but no higher than the last:
-/// nurseries clear the stems of standard trees up to about 1.5 m at a height of 2.5 m and 1.75 m at 3 m (as graded by BS 3936-1).
+/// nurseries clear the stems of standard trees, the thesis' trees have "a clear stem" (section 4.1).
 const CROWN_BASE_SHARE: f64 = 0.1;
 const CROWN_BASE_PER_M: f64 = 0.2;
 const CROWN_BASE_MOST_M: f64 = 1.75;
