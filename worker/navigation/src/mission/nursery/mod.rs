@@ -155,6 +155,7 @@ impl NurseryMission {
     /// Goes from state to state as long as one is done.
     fn advance(&mut self, sight: &NurserySight<'_>) {
         match self.state {
+            State::Start if sight.map_from_robot.is_none() => self.state = State::Search,
             State::Start => self.follow(),
             State::Search if sight.map_from_robot.is_some() => self.state = State::Enter,
             State::Search if self.guide(sight).beside(&sight.rows).iter().all(Option::is_some) => self.follow(),
@@ -294,6 +295,22 @@ mod tests {
         // The view meets the rows 0.575 m + 0.65 m / tan 30 degrees ahead; a metre more counts.
         assert!((mission.end_m() - 2.700_833).abs() < 1e-6);
         assert_eq!(mission.points_ahead(&[at(2.69, 0.65), at(2.71, 0.65), at(2.71, -1.31), at(9.0, -1.29)]), 2);
+    }
+
+    #[test]
+    fn a_robot_that_sees_no_line_at_the_start_creeps_ahead_and_by_a_map_follows_that() {
+        let step = |map_from_robot| {
+            let odometry_from_robot = Pose::default();
+            let sight =
+                NurserySight { rows: DetectedRows::default(), points_ahead: 100, odometry_from_robot, map_from_robot };
+            mission().step(&sight, 0.1)
+        };
+        assert_eq!(step(None), NurseryStep::Drive(Twist { linear_m_s: 0.3, angular_rad_s: 0.0 }));
+        let lane_y_m = MAP.lane_y_m(0);
+        let NurseryStep::Drive(twist) = step(Some(Pose { x_m: -1.0, y_m: lane_y_m, heading_rad: 0.0 })) else {
+            panic!()
+        };
+        assert!((twist.linear_m_s - 0.8).abs() < 1e-9 && twist.angular_rad_s.abs() < 1e-9, "{twist:?}");
     }
 
     #[test]
