@@ -21,6 +21,8 @@ pub struct Cluster {
     pub size: u32,
     /// Mean of its points, in the odometry's frame \[m\].
     pub centroid: Point3,
+    /// Whether the last scan hit it. Where others are is as old as their last points, and as wrong as the odometry since.
+    pub is_seen: bool,
 }
 
 /// The map.
@@ -214,14 +216,15 @@ impl LocalMap {
             // A root is older than all of its cluster.
             let number = if root == i { self.clusters.len() as u32 } else { self.heirs[root] };
             if root == i {
-                self.clusters.push(Cluster { size: 0, centroid: Point3::default() });
+                self.clusters.push(Cluster { size: 0, centroid: Point3::default(), is_seen: false });
             }
             self.heirs.push(number);
-            let Cluster { size, centroid: Point3 { x, y, z } } = &mut self.clusters[number as usize];
+            let Cluster { size, centroid: Point3 { x, y, z }, is_seen } = &mut self.clusters[number as usize];
             (*size, *x, *y, *z) = (*size + 1, *x + point.x, *y + point.y, *z + point.z);
+            *is_seen |= self.seen[i] == self.scan;
         }
         self.clusters.retain(|cluster| cluster.size >= min_size);
-        for Cluster { size, centroid: Point3 { x, y, z } } in &mut self.clusters {
+        for Cluster { size, centroid: Point3 { x, y, z }, .. } in &mut self.clusters {
             let n = f64::from(*size);
             (*x, *y, *z) = (*x / n, *y / n, *z / n);
         }
@@ -253,13 +256,13 @@ mod tests {
     use crate::random::Stream;
     use proptest::prelude::*;
 
-    /// Sizes and centroids in order, as `Clusters` finds them from nothing.
+    /// Sizes and centroids in order, as `Clusters` finds them from nothing; all of them seen.
     fn from_nothing(points: &[Point3], tolerance_m: f64, min_size: u32) -> Vec<Cluster> {
         let mut clusters = Clusters::default();
         let found = clusters.find(points, tolerance_m, min_size).map(|indices| {
             let mut indices = indices.to_vec();
             indices.sort_unstable();
-            let mut sum = Cluster { size: indices.len() as u32, centroid: Point3::default() };
+            let mut sum = Cluster { size: indices.len() as u32, centroid: Point3::default(), is_seen: true };
             for i in &indices {
                 let point = points[*i as usize];
                 let Point3 { x, y, z } = sum.centroid;
@@ -283,7 +286,8 @@ mod tests {
                 let scan: Vec<_> = (0..60).map(|_| point()).collect();
                 map.insert(&scan, pose);
                 let expected = from_nothing(map.points(), tolerance_m, 2);
-                prop_assert_eq!(map.clusters(2), expected);
+                let found: Vec<_> = map.clusters(2).iter().map(|cluster| Cluster { is_seen: true, ..*cluster }).collect();
+                prop_assert_eq!(found, expected);
             }
         }
     }
@@ -302,6 +306,7 @@ mod tests {
             let clusters = map.clusters(2);
             assert!(clusters.iter().all(|cluster| cluster.size == 40), "{clusters:?}");
             assert!(clusters.iter().all(|cluster| (cluster.centroid.x - cluster.centroid.x.round()).abs() < 1e-9));
+            assert!(clusters.iter().all(|cluster| cluster.is_seen == ((cluster.centroid.x - x_m).abs() < 3.0)));
         }
         assert!((2..=4).contains(&map.clusters(2).len()));
     }

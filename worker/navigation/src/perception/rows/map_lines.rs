@@ -1,6 +1,8 @@
 //! The planting grid in the centroids of a map of the robot's surroundings.
 //!
-//! Vintu (2018), section 3.3.4. The lines are those grid lines on either side of the robot that hold two plants or more.
+//! Vintu (2018), section 3.3.4. The lines are those grid lines on either side of the robot that hold two plants or more. What
+//! stands for them outside is only what the last scan hit (ours): of a plant seen earlier the map says where odometry has it since, and
+//! to take that for another sight of it would confirm odometry by itself.
 
 use super::grid::{Grid, GridSearch, OnGrid};
 use super::{DetectedRows, PlantPoints, RowDetector, RowLine};
@@ -41,6 +43,8 @@ pub struct MapLines {
     map: LocalMap,
     /// Of clusters, on the ground in the robot's frame.
     centroids: Vec<[f64; 2]>,
+    /// Which of them the last scan hit.
+    is_seen: Vec<bool>,
     on_grid: Vec<OnGrid>,
     /// The last grid, in the odometry's frame.
     last: Option<Grid>,
@@ -63,6 +67,7 @@ impl MapLines {
             params,
             search,
             centroids: Vec::new(),
+            is_seen: Vec::new(),
             on_grid: Vec::new(),
             last: None,
             plants: Vec::new(),
@@ -72,10 +77,11 @@ impl MapLines {
 
     /// The line along the grid's row number `row`, and its plants.
     fn line(&mut self, grid: &Grid, row: f64, side: usize) -> Option<RowLine> {
-        let of_row = self.on_grid.iter().filter(|plant| plant.row == row);
-        self.supports[side].extend(of_row.map(|plant| self.centroids[plant.index]));
+        let of_row = || self.on_grid.iter().filter(|plant| plant.row == row);
+        let seen = of_row().filter(|plant| self.is_seen[plant.index]);
+        self.supports[side].extend(seen.map(|plant| self.centroids[plant.index]));
         let (point, direction) = self.search.row(grid, row);
-        RowLine::along(point, direction).filter(|_| self.supports[side].len() >= FEWEST_OF_A_ROW)
+        RowLine::along(point, direction).filter(|_| of_row().count() >= FEWEST_OF_A_ROW)
     }
 }
 
@@ -89,6 +95,8 @@ impl RowDetector for MapLines {
             let (x, y) = to_robot(cluster.centroid.x, cluster.centroid.y);
             [x, y]
         }));
+        self.is_seen.clear();
+        self.is_seen.extend(clusters.iter().map(|cluster| cluster.is_seen));
         self.plants.clear();
         self.supports.iter_mut().for_each(Vec::clear);
         let mut lines = [None, None];
@@ -96,11 +104,40 @@ impl RowDetector for MapLines {
         let last = self.last.take().map(|grid| grid.moved(|pose| robot.relative(pose)));
         if let Some(grid) = self.search.best(&self.centroids, last, &mut self.on_grid, random) {
             self.last = Some(grid.moved(|pose| robot.compose(pose)));
-            self.plants.extend(self.on_grid.iter().map(|plant| self.centroids[plant.index]));
+            let seen = self.on_grid.iter().filter(|plant| self.is_seen[plant.index]);
+            self.plants.extend(seen.map(|plant| self.centroids[plant.index]));
             let [left, right] = self.search.beside(&grid);
             lines = [self.line(&grid, left, 0), self.line(&grid, right, 1)];
         }
         let [left, right] = &self.supports;
         DetectedRows { lines, supports: [left, right], plants: &self.plants }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Pose;
+    use crate::perception::cloud::Point3;
+
+    #[test]
+    fn a_line_holds_on_to_plants_that_are_out_of_sight_and_only_what_is_seen_stands_for_it() {
+        let (rows, plants_per_row, lanes_to_the_left) = (2, 20, true);
+        let map =
+            PlantingMap { row_distance_m: 1.5, planting_distance_m: 1.2, rows, plants_per_row, lanes_to_the_left };
+        let mut detector = MapLines::new(MapLinesParams::default(), &map);
+        let mut random = Stream::new(1, "row-detector");
+        // Posts 0.9 m high, three of the left row and as many of the right one as `rights`.
+        let mut seen = |rights: i32| {
+            let posts = (0..3).map(|i| (i, 0.75)).chain((0..rights).map(|i| (i, -0.75)));
+            let post = |(i, y): (i32, f64)| (1..30).map(move |k| (2.0 + 1.2 * f64::from(i), y, 0.03 * f64::from(k)));
+            let points: Vec<_> = posts.flat_map(post).map(|(x, y, z)| Point3 { x, y, z }).collect();
+            let view = PlantPoints { points: &points, odometry_from_robot: Pose::default() };
+            let rows = detector.detect(view, &mut random);
+            (rows.lines.map(|line| line.is_some()), rows.supports.map(<[_]>::len), rows.plants.len())
+        };
+        assert_eq!(seen(3), ([true; 2], [3, 3], 6));
+        assert_eq!(seen(1), ([true; 2], [3, 1], 4));
+        assert_eq!(seen(0), ([true; 2], [3, 0], 3));
     }
 }

@@ -79,9 +79,9 @@ pub struct PlantPoints<'a> {
 pub struct DetectedRows<'a> {
     /// Lines along the rows beside the robot, at most two, in the order in which they were found.
     pub lines: [Option<RowLine>; 2],
-    /// The points that each line was found in.
+    /// The points that each line was found in; of a map of the surroundings only what this scan hit.
     pub supports: [&'a [[f64; 2]]; 2],
-    /// Centres of single plants, where the detector tells plants apart.
+    /// Centres of single plants that this scan hit, where the detector tells plants apart.
     pub plants: &'a [[f64; 2]],
 }
 
