@@ -35,6 +35,8 @@ pub struct Terrain {
     rows: usize,
     /// Height above the plane, x fastest \[m\].
     relief_m: Vec<f32>,
+    /// The same without roughness, which tracks and wheels press flat \[m\].
+    pressed_m: Vec<f32>,
     /// The highest relief in each block and its neighbours, 0 included: none within a block's length of any point
     /// in it is higher.
     tops_m: Vec<f32>,
@@ -61,10 +63,11 @@ impl Terrain {
         let nodes = |axis: usize| ((to[axis] + MARGIN_M - from_m[axis]) * NODES_PER_M).ceil() as usize + 1;
         let (columns, rows) = (nodes(0), nodes(1));
         let slope = [(); 2].map(|()| relief.factor * random.between(-SLOPE, SLOPE));
-        let relief_m = relief.draw(from_m, [columns, rows], random);
+        let [relief_m, pressed_m] = relief.draw(from_m, [columns, rows], random);
         let block_columns = columns.div_ceil(BLOCK);
         let tops_m = Vec::new();
-        let mut terrain = Self { slope, from_m, columns, rows, relief_m, tops_m, block_columns, band_m: [0.0; 2] };
+        let mut terrain =
+            Self { slope, from_m, columns, rows, relief_m, pressed_m, tops_m, block_columns, band_m: [0.0; 2] };
         for hole in relief.holes {
             terrain.dig(hole);
         }
@@ -83,10 +86,14 @@ impl Terrain {
     /// Height of the ground \[m\].
     #[must_use]
     pub fn height_m(&self, x_m: f64, y_m: f64) -> f64 {
-        self.slope[0] * x_m + self.slope[1] * y_m + self.relief_m(x_m, y_m)
+        self.plane_m(x_m, y_m) + self.at(&self.relief_m, x_m, y_m)
     }
 
-    /// How a robot stands there: on the mean plane of what is below it.
+    fn plane_m(&self, x_m: f64, y_m: f64) -> f64 {
+        self.slope[0] * x_m + self.slope[1] * y_m
+    }
+
+    /// How a robot stands there: on the mean plane of what is below it, without the roughness.
     #[must_use]
     pub fn ground(&self, world_from_robot: Pose) -> Standing {
         let half = f64::from(SAMPLES / 2);
@@ -95,7 +102,7 @@ impl Terrain {
         for i in -SAMPLES / 2..=SAMPLES / 2 {
             for j in -SAMPLES / 2..=SAMPLES / 2 {
                 let [x, y] = world_from_robot.world(f64::from(i) * dx, f64::from(j) * dy);
-                let height = self.height_m(x, y);
+                let height = self.plane_m(x, y) + self.at(&self.pressed_m, x, y);
                 sum += height;
                 along += f64::from(i) * height;
                 across += f64::from(j) * height;
@@ -146,7 +153,7 @@ impl Terrain {
                 before = None;
                 continue;
             }
-            let gap = height - self.relief_at(at);
+            let gap = height - self.raster_at(&self.relief_m, at);
             if gap <= 0.0 {
                 // The relief is close to straight in between.
                 let met = before.map_or(t, |before: f64| t - STEP_M * gap / (gap - before));
@@ -163,9 +170,9 @@ impl Terrain {
         [origin, direction].map(|[x, y, z]| z - self.slope[0] * x - self.slope[1] * y)
     }
 
-    fn relief_m(&self, x_m: f64, y_m: f64) -> f64 {
+    fn at(&self, raster: &[f32], x_m: f64, y_m: f64) -> f64 {
         let (u, v) = self.at_nodes(x_m, y_m);
-        self.relief_at(Place::new(u, v))
+        self.raster_at(raster, Place::new(u, v))
     }
 
     /// A place in steps from the first node.
@@ -181,13 +188,13 @@ impl Terrain {
     }
 
     #[inline]
-    fn relief_at(&self, at: Place) -> f64 {
+    fn raster_at(&self, raster: &[f32], at: Place) -> f64 {
         if !self.is_inside(at) {
             return 0.0;
         }
         let first = at.j as usize * self.columns + at.i as usize;
         let second = first + self.columns;
-        let (near, far) = (&self.relief_m[first..first + 2], &self.relief_m[second..second + 2]);
+        let (near, far) = (&raster[first..first + 2], &raster[second..second + 2]);
         let (u, v) = ((at.u - f64::from(at.i)) as f32, (at.v - f64::from(at.j)) as f32);
         let (near, far) = (near[0] + u * (near[1] - near[0]), far[0] + u * (far[1] - far[0]));
         f64::from(near + v * (far - near))
@@ -232,7 +239,9 @@ impl Terrain {
                 let dx = self.from_m[0] + i as f64 * STEP_M - hole.x_m;
                 let dy = self.from_m[1] + j as f64 * STEP_M - hole.y_m;
                 let inside = 1.0 - (dx * dx + dy * dy) / (hole.radius_m * hole.radius_m);
-                self.relief_m[j * self.columns + i] -= (HOLE_DEPTH * hole.radius_m * inside.max(0.0)) as f32;
+                let depth_m = (HOLE_DEPTH * hole.radius_m * inside.max(0.0)) as f32;
+                self.relief_m[j * self.columns + i] -= depth_m;
+                self.pressed_m[j * self.columns + i] -= depth_m;
             }
         }
     }
@@ -293,6 +302,21 @@ mod tests {
         let facing_y = plane.ground(Pose { x_m: 4.0, y_m: 1.0, heading_rad: std::f64::consts::FRAC_PI_2 });
         // The hill rises to its right.
         assert!((facing_y.roll_rad + libm::atan(0.1)).abs() < 1e-9 && facing_y.pitch_rad.abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_robot_presses_the_roughness_flat_and_dips_into_holes() {
+        let hole = [Hole { x_m: 5.0, y_m: 2.0, radius_m: 0.25 }];
+        let [rough, smooth] = [0.03, 0.0].map(|roughness_m| terrain(roughness_m, 1.0, &hole));
+        for at in [(3.0, 1.0, 0.0), (3.1, 1.0, 0.0), (5.1, 2.2, 0.4)] {
+            let (x_m, y_m, heading_rad) = at;
+            assert!((rough.height_m(x_m, y_m) - smooth.height_m(x_m, y_m)).abs() > 1e-4);
+            let at = Pose { x_m, y_m, heading_rad };
+            assert_eq!(rough.ground(at), smooth.ground(at));
+        }
+        let over_the_hole = Pose { x_m: 5.0, y_m: 2.0, heading_rad: 0.0 };
+        let without = terrain(0.03, 1.0, &[]).ground(over_the_hole);
+        assert!(rough.ground(over_the_hole).z_m < without.z_m - 0.003);
     }
 
     #[test]

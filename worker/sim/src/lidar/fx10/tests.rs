@@ -130,9 +130,10 @@ fn a_lissajous_scan_fills_the_field_of_view_and_moves_with_the_robot() {
     let mut still = |at| lidar.scan(&nursery, at, at, &mut random).points.to_vec();
     let (before, after) = (still(from), still(to));
     let moving = lidar.scan(&nursery, to, from, &mut random).points.to_vec();
-    // Of twenty rays at either end; single ones pass the edge of a leaf or a clod by a hair.
+    // Twenty rays at either end take a 130th of the way: 0.6 mm and 0.6 mrad, 4 mm at 5 m. Single ones pass the edge of a leaf or a
+    // clod by a hair.
     let alike = |a: &mut dyn Iterator<Item = &Point3>, b: &mut dyn Iterator<Item = &Point3>| {
-        a.zip(b).take(20).filter(|(a, b)| (a.x - b.x).abs() < 0.001).count()
+        a.zip(b).take(20).filter(|(a, b)| (a.x - b.x).abs() < 0.004).count()
     };
     let begins = alike(&mut moving.iter(), &mut before.iter());
     let ends = alike(&mut moving.iter().rev(), &mut after.iter().rev());

@@ -33,18 +33,20 @@ pub(in super::super) struct Relief<'a> {
 }
 
 impl Relief<'_> {
-    /// Heights above the plane of `nodes` columns and rows from `from_m`, without holes \[m\].
-    pub(super) fn draw(&self, from_m: [f64; 2], nodes: [usize; 2], random: &mut Stream) -> Vec<f32> {
+    /// Heights above the plane of `nodes` columns and rows from `from_m`, without holes \[m\]: with the roughness, and without it.
+    pub(super) fn draw(&self, from_m: [f64; 2], nodes: [usize; 2], random: &mut Stream) -> [Vec<f32>; 2] {
         let [columns, rows] = nodes;
         let undulation = Undulation::draw(from_m, nodes, self.factor, random);
-        let mut relief_m = roughness(nodes, self.factor * self.roughness_m, random);
-        for (j, line) in relief_m.chunks_exact_mut(columns).enumerate() {
-            undulation.add(j, line);
-            for (i, node) in line.iter_mut().enumerate() {
-                *node *= fade(i, columns).min(fade(j, rows));
+        let rough = roughness(nodes, self.factor * self.roughness_m, random);
+        [rough, vec![0.0; columns * rows]].map(|mut relief_m| {
+            for (j, line) in relief_m.chunks_exact_mut(columns).enumerate() {
+                undulation.add(j, line);
+                for (i, node) in line.iter_mut().enumerate() {
+                    *node *= fade(i, columns).min(fade(j, rows));
+                }
             }
-        }
-        relief_m
+            relief_m
+        })
     }
 }
 
