@@ -7,7 +7,7 @@ use furrow_navigation::random::Stream;
 use super::{
     InSpace, Outcome, Part, Probe, RunResult, STEP_S, STEPS_PER_CYCLE, STEPS_PER_S, STEPS_PER_SAMPLE, Seed, timed,
 };
-use crate::field::{Field, Nursery};
+use crate::field::{Field, Nursery, vintu2018};
 use crate::lidar::fx10::RATE_HZ;
 use crate::lidar::{Fx10, Fx10Params, SensorsSpec};
 use crate::localization::InMap;
@@ -29,6 +29,8 @@ pub(super) fn simulate(scenario: &Scenario, params: &NurseryParams, seed: Seed, 
     let (SensorsSpec::Fx10(sensors), ObserverSpec::Nursery(watched)) = (&scenario.sensors, &scenario.observer) else {
         unreachable!("a scenario is checked")
     };
+    // Else the same wheel would slip at the same turn in all of a plan's fields.
+    let seed = Seed(vintu2018::seed_in(nursery.number, seed.0));
     let mut robot = Robot::new(&scenario.robot);
     let mut observer = NurseryObserver::new(watched, &scenario.limits, (&field, nursery), robot.body());
     let mut pilot = Pilot::new(scenario, params, sensors, (&field, nursery), seed);

@@ -86,6 +86,7 @@ pub fn build(params: &Vintu2018Params, job_seed: u64) -> Field {
         error_range_x_m: None,
         lane: None,
         nursery: Some(Nursery {
+            number: number(params),
             map,
             species: layout.species,
             presence: grown.presence,
@@ -97,13 +98,21 @@ pub fn build(params: &Vintu2018Params, job_seed: u64) -> Field {
     }
 }
 
-/// Nurseries of one seed differ, too; the garden comes after the last one.
 fn field_seed(params: &Vintu2018Params, job_seed: u64) -> u64 {
-    let number = match params.site {
+    seed_in(number(params), params.seed.resolve(job_seed))
+}
+
+const fn number(params: &Vintu2018Params) -> u32 {
+    match params.site {
         Site::Nursery => params.nursery,
         Site::RealGarden => layout::NURSERIES,
-    };
-    params.seed.resolve(job_seed) ^ (u64::from(number) << 40)
+    }
+}
+
+/// What `seed` is in nursery `number`: those of one seed differ, in how they grow and in what a robot meets there.
+#[must_use]
+pub const fn seed_in(number: u32, seed: u64) -> u64 {
+    seed ^ ((number as u64) << 40)
 }
 
 /// The rectangle of the planting positions: from, to (x, y) \[m\].

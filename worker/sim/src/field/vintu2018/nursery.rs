@@ -12,6 +12,8 @@ use crate::lidar::canopy::Canopy;
 /// A nursery; the world's frame is that of its map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Nursery {
+    /// Which one of the hundred; the garden comes after the last.
+    pub number: u32,
     /// What is known beforehand.
     pub map: PlantingMap,
     /// What grows there.
