@@ -4,6 +4,7 @@
 use std::fs;
 use std::net::TcpStream;
 use std::path::Path;
+use std::time::Duration;
 
 use furrow_schema::id::Credential;
 use furrow_schema::job::{RunRecord, Timings};
@@ -186,7 +187,7 @@ async fn a_join_secret_that_is_used_up_or_over_lets_nobody_in() {
             }
         }
     };
-    is_enrolment(&tokio::time::timeout(std::time::Duration::from_secs(20), over).await.unwrap(), "expired");
+    is_enrolment(&tokio::time::timeout(Duration::from_secs(20), over).await.unwrap(), "expired");
     let answer = first.ask::<Leases>(Method::Claim, &first.claim(1)).await;
     assert!(matches!(answer, Some(Reply::Ok(_))), "who came in with it stays in: {answer:?}");
 
@@ -336,16 +337,22 @@ async fn a_worker_hears_and_answers_nothing_that_is_not_for_it() {
 /// Waits until the coordinator has answered what this machine asks now. A connection keeps the order: what either side
 /// sent before has arrived, too.
 async fn all_has_arrived(machine: &Machine) {
+    let answered = async { while !is_answered(machine).await {} };
+    tokio::time::timeout(Duration::from_secs(20), answered).await.expect("the coordinator answers");
+}
+
+/// Whether the coordinator answered. It does not where a new connection has not learnt of it yet.
+async fn is_answered(machine: &Machine) -> bool {
     let renew = serde_json::to_vec(&machine.call(Renew { held: Vec::new() })).unwrap();
     let all = machine.session.get(machine.key(Method::Renew)).payload(renew).target(zenoh::query::QueryTarget::All);
     let replies = all.consolidation(zenoh::query::ConsolidationMode::None).await.unwrap();
-    loop {
-        let reply = replies.recv_async().await.expect("the coordinator answers");
+    while let Ok(reply) = replies.recv_async().await {
         let answer = reply.result().map(|sample| sample.payload().to_bytes().into_owned());
         if let Ok(Ok(Reply::Ok(Renewed { .. }))) = answer.map(|answer| serde_json::from_slice(&answer)) {
-            return;
+            return true;
         }
     }
+    false
 }
 
 #[tokio::test(flavor = "multi_thread")]
