@@ -1,8 +1,8 @@
 //! The planting grid in the centroids of a map of the robot's surroundings.
 //!
-//! Vintu (2018), section 3.3.4. The lines are those grid lines on either side of the robot that hold two plants or more. What
-//! stands for them outside is only what the last scan hit (ours): of a plant seen earlier the map says where odometry has it since, and
-//! to take that for another sight of it would confirm odometry by itself.
+//! Vintu (2018), section 3.3.4. The lines are those grid lines on either side of the robot that hold two plants or more. Their
+//! supports, and the plants, are only what the last scan hit (ours): others stand where odometry has carried them, and matched with
+//! the planting map they would confirm odometry by itself.
 
 use super::grid::{Grid, GridSearch, OnGrid};
 use super::{DetectedRows, PlantPoints, RowDetector, RowLine};

@@ -102,6 +102,7 @@ fn field_seed(params: &Vintu2018Params, job_seed: u64) -> u64 {
     seed_in(number(params), params.seed.resolve(job_seed))
 }
 
+/// The garden comes after the last nursery.
 const fn number(params: &Vintu2018Params) -> u32 {
     match params.site {
         Site::Nursery => params.nursery,

@@ -86,7 +86,7 @@ impl Terrain {
     /// Height of the ground \[m\].
     #[must_use]
     pub fn height_m(&self, x_m: f64, y_m: f64) -> f64 {
-        self.plane_m(x_m, y_m) + self.at(&self.relief_m, x_m, y_m)
+        self.plane_m(x_m, y_m) + self.above_m(&self.relief_m, x_m, y_m)
     }
 
     fn plane_m(&self, x_m: f64, y_m: f64) -> f64 {
@@ -102,7 +102,7 @@ impl Terrain {
         for i in -SAMPLES / 2..=SAMPLES / 2 {
             for j in -SAMPLES / 2..=SAMPLES / 2 {
                 let [x, y] = world_from_robot.world(f64::from(i) * dx, f64::from(j) * dy);
-                let height = self.plane_m(x, y) + self.at(&self.pressed_m, x, y);
+                let height = self.plane_m(x, y) + self.above_m(&self.pressed_m, x, y);
                 sum += height;
                 along += f64::from(i) * height;
                 across += f64::from(j) * height;
@@ -170,7 +170,8 @@ impl Terrain {
         [origin, direction].map(|[x, y, z]| z - self.slope[0] * x - self.slope[1] * y)
     }
 
-    fn at(&self, raster: &[f32], x_m: f64, y_m: f64) -> f64 {
+    /// Height above the plane, by one of the rasters \[m\].
+    fn above_m(&self, raster: &[f32], x_m: f64, y_m: f64) -> f64 {
         let (u, v) = self.at_nodes(x_m, y_m);
         self.raster_at(raster, Place::new(u, v))
     }
