@@ -22,7 +22,12 @@ impl Clusters {
     /// Clusters of at least `min_size` points, each at most `tolerance_m` from another one.
     ///
     /// The largest come first, of equal ones that with the first point. Points that are no numbers belong to none.
-    pub fn find(&mut self, points: &[Point3], tolerance_m: f64, min_size: u32) -> impl Iterator<Item = &[u32]> {
+    pub fn find(
+        &mut self,
+        points: &[Point3],
+        tolerance_m: f64,
+        min_size: u32,
+    ) -> impl DoubleEndedIterator<Item = &[u32]> {
         self.sort_in(points, tolerance_m);
         self.order.clear();
         self.found.clear();

@@ -1,6 +1,8 @@
 //! Lines through the centroids of plants that the last scans showed.
 //!
-//! Vintu (2018), section 3.3.3. Silent there, ours: the queue is kept in the odometry's frame; a group of the second
+//! Vintu (2018), section 3.3.3. Silent there, ours: the queue is kept in the odometry's frame; a plant that is seen again
+//! stays one plant, else a few scans of the same plants would fill the queue; what was not seen for some seconds is
+//! forgotten; of the plants of one scan those of the fewest points leave first. A group of the second
 //! clustering that is too wide for one row, as in plantings as wide as they are long, is divided at the robot's heading; of each side the
 //! largest group counts, and its line is found by random sampling, as in `pcl-lines`.
 
@@ -26,13 +28,22 @@ super::row_parameters! {
         pub dist_threshold_m: f64 = 0.3, "m", [0.001, 5.0];
         /// Pairs of centroids that are tried per line at most. Ours: as in `pcl-lines`.
         pub max_iteration: u32 = 20, "1", [1, 10000];
-        /// Plants of one row are linked over gaps up to so many planting distances. Ours.
-        pub row_tolerance: f64 = 1.5, "1", [0.1, 100.0];
+        /// Plants of one row are linked over gaps up to so many planting distances. Ours: two plants may be missing.
+        pub row_tolerance: f64 = 3.0, "1", [0.1, 100.0];
+        /// Scans after which a centroid that was not seen again is forgotten. Ours: as in `map-lines`.
+        pub memory_scans: u32 = 50, "1", [1, 100_000];
     }
 }
 
 /// Plants of one row lie this near to its line, as a share of the row distance.
 const ROW_HALF_WIDTH: f64 = 0.25;
+
+/// A centroid in the odometry's frame \[m\], and the scan that it was last seen in.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    at: [f64; 2],
+    scan: u64,
+}
 
 /// The detector.
 #[derive(Debug, Clone)]
@@ -42,8 +53,10 @@ pub struct CentroidLines {
     row_distance_m: f64,
     clusters: Clusters,
     search: LineSearch,
-    /// Centroids on the ground in the odometry's frame, the oldest first.
-    queue: VecDeque<[f64; 2]>,
+    /// Centroids on the ground, the oldest first.
+    queue: VecDeque<Seen>,
+    /// Scans so far.
+    scans: u64,
     /// The same in the robot's frame, without heights.
     centroids: Vec<Point3>,
     /// Of the left and of the right row.
@@ -62,22 +75,29 @@ impl CentroidLines {
             clusters: Clusters::default(),
             search: LineSearch::default(),
             queue: VecDeque::new(),
+            scans: 0,
             centroids: Vec::new(),
             sides: Default::default(),
             group: Default::default(),
         }
     }
 
-    /// Adds the plants of a scan to the queue.
+    /// Adds the plants of a scan to the queue, that of the most points last, so that it stays longest. A plant seen again
+    /// takes the place of what was seen of it before.
     fn remember(&mut self, view: PlantPoints<'_>) {
-        let CentroidLinesParams { cluster_tolerance_m, min_cluster_size, cluster_limit, .. } = self.params;
-        for cluster in self.clusters.find(view.points, cluster_tolerance_m, min_cluster_size) {
+        let CentroidLinesParams { cluster_tolerance_m, min_cluster_size, cluster_limit, memory_scans, .. } =
+            self.params;
+        for cluster in self.clusters.find(view.points, cluster_tolerance_m, min_cluster_size).rev() {
             let n = cluster.len() as f64;
             let sum = cluster.iter().map(|i| &view.points[*i as usize]);
             let [x, y] = sum.fold([0.0; 2], |[x, y], point| [x + point.x, y + point.y]);
-            self.queue.push_back(view.odometry_from_robot.world(x / n, y / n));
+            let at = view.odometry_from_robot.world(x / n, y / n);
+            self.queue.retain(|other| f64::hypot(at[0] - other.at[0], at[1] - other.at[1]) > cluster_tolerance_m);
+            self.queue.push_back(Seen { at, scan: self.scans });
         }
-        while self.queue.len() > cluster_limit as usize {
+        self.scans += 1;
+        let is_old = |seen: &Seen| seen.scan + u64::from(memory_scans) < self.scans;
+        while self.queue.len() > cluster_limit as usize || self.queue.front().is_some_and(is_old) {
             self.queue.pop_front();
         }
     }
@@ -86,8 +106,8 @@ impl CentroidLines {
     fn group_rows(&mut self, robot: Pose) {
         let to_robot = robot.locals();
         self.centroids.clear();
-        self.centroids.extend(self.queue.iter().map(|[x, y]| {
-            let (x, y) = to_robot(*x, *y);
+        self.centroids.extend(self.queue.iter().map(|seen| {
+            let (x, y) = to_robot(seen.at[0], seen.at[1]);
             Point3 { x, y, z: 0.0 }
         }));
         self.sides.iter_mut().for_each(Vec::clear);
@@ -142,9 +162,64 @@ mod tests {
         };
         let mut detector = CentroidLines::new(CentroidLinesParams::default(), &map);
         let places = (0..5).flat_map(|i| [0.5, -0.5].map(|side| [1.7 + f64::from(i) * planting_m, side * row_m]));
-        detector.queue.extend(places);
+        detector.queue.extend(places.map(|at| Seen { at, scan: 0 }));
         detector.group_rows(Pose { heading_rad, ..Pose::default() });
         detector.sides
+    }
+
+    /// Points of plants at these places, so many each.
+    fn cloud(plants: &[([f64; 2], u32)]) -> Vec<Point3> {
+        let of = |([x, y], n): &([f64; 2], u32)| {
+            let (x, y) = (*x, *y);
+            (0..*n).map(move |i| Point3 { x, y, z: 0.1 + 0.01 * f64::from(i) })
+        };
+        plants.iter().flat_map(of).collect()
+    }
+
+    fn detector(params: CentroidLinesParams) -> CentroidLines {
+        let map = PlantingMap {
+            row_distance_m: 1.3,
+            planting_distance_m: 0.4,
+            rows: 2,
+            plants_per_row: 20,
+            lanes_to_the_left: true,
+        };
+        CentroidLines::new(params, &map)
+    }
+
+    fn queue(detector: &CentroidLines) -> Vec<[f64; 2]> {
+        let rounded = |value: f64| (value * 1e6).round() / 1e6;
+        detector.queue.iter().map(|seen| seen.at.map(rounded)).collect()
+    }
+
+    #[test]
+    fn a_plant_seen_again_stays_one_plant_where_it_was_seen_last() {
+        let mut detector = detector(CentroidLinesParams { cluster_limit: 2, ..CentroidLinesParams::default() });
+        for i in 0..30 {
+            let points = cloud(&[([2.0, 0.6], 12), ([2.0 + 0.001 * f64::from(i), -0.6], 10)]);
+            detector.remember(PlantPoints { points: &points, odometry_from_robot: Pose::default() });
+        }
+        assert_eq!(queue(&detector), [[2.029, -0.6], [2.0, 0.6]]);
+    }
+
+    #[test]
+    fn of_too_many_plants_those_of_the_fewest_points_leave() {
+        let mut detector = detector(CentroidLinesParams { cluster_limit: 2, ..CentroidLinesParams::default() });
+        let points = cloud(&[([2.0, 0.6], 30), ([2.0, -0.6], 10), ([3.0, 0.6], 20)]);
+        detector.remember(PlantPoints { points: &points, odometry_from_robot: Pose::default() });
+        assert_eq!(queue(&detector), [[3.0, 0.6], [2.0, 0.6]]);
+    }
+
+    #[test]
+    fn what_was_not_seen_for_long_is_forgotten() {
+        let mut detector = detector(CentroidLinesParams { memory_scans: 3, ..CentroidLinesParams::default() });
+        let points = cloud(&[([2.0, 0.6], 10)]);
+        detector.remember(PlantPoints { points: &points, odometry_from_robot: Pose::default() });
+        let left = [(); 4].map(|()| {
+            detector.remember(PlantPoints { points: &[], odometry_from_robot: Pose::default() });
+            detector.queue.len()
+        });
+        assert_eq!(left, [1, 1, 0, 0]);
     }
 
     #[test]
