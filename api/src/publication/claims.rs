@@ -54,6 +54,9 @@ struct Claim {
     figure: Figure,
     /// The first one is compared with the others.
     groups: Vec<Group>,
+    /// Labels in further factors that all the runs must have where the sweep has such a factor.
+    #[serde(default)]
+    only: BTreeMap<String, String>,
     must_be: Side,
     limit: f64,
     /// The figure from the published values, where they give one.
@@ -125,7 +128,11 @@ pub fn check(source: &str, sweeps: &[impl std::borrow::Borrow<SweepData>]) -> Re
 impl Claim {
     /// The claim beside these runs; none where a group has none.
     fn check(&self, data: &SweepData) -> Option<ComparisonCell> {
-        let groups: Vec<Pairs> = self.groups.iter().map(|group| group.of(data)).collect();
+        let only = |cell: &&CellData| {
+            self.only.iter().all(|(factor, label)| cell.factors.get(factor).is_none_or(|other| other == label))
+        };
+        let cells: Vec<&CellData> = data.cells.iter().filter(only).collect();
+        let groups: Vec<Pairs> = self.groups.iter().map(|group| group.of(&cells)).collect();
         if groups.iter().any(|group| group.n() == 0) {
             return None;
         }
@@ -232,14 +239,14 @@ impl Claim {
 
 impl Group {
     /// The pairs of its runs whose ratio is the metric.
-    fn of(&self, data: &SweepData) -> Pairs {
-        let here = |cell: &&CellData| {
+    fn of(&self, cells: &[&CellData]) -> Pairs {
+        let here = |cell: &&&CellData| {
             self.labels
                 .iter()
                 .all(|(factor, labels)| cell.factors.get(factor).is_some_and(|label| labels.contains(label)))
         };
         let mut all = Pairs::default();
-        for cell in data.cells.iter().filter(here) {
+        for cell in cells.iter().filter(here) {
             let values = || cell.metrics.get(&self.metric).and_then(|series: &Series| series.values.as_deref());
             match cell.ratios.get(self.metric.as_str()) {
                 Some(pairs) => all.merge(pairs),
@@ -350,6 +357,29 @@ mod tests {
         let data = SweepData { factors: vec!["algorithm".into(), "field".into()], cells };
         assert_eq!(claim(&data, "gap-first-in-es-1").verdict, Some(Verdict::Holds));
         assert_eq!(claim(&data, "gap-not-first-in-es-2").verdict, Some(Verdict::Holds));
+    }
+
+    #[test]
+    fn runs_of_another_experiment_with_the_same_detectors_decide_nothing() {
+        let covered = |localization: Option<&str>, algorithm, values: &[f64]| {
+            let mut labels = vec![("algorithm", algorithm), ("field", "nursery-001")];
+            labels.extend(localization.map(|level| ("localization", level)));
+            cell(&labels, &[], &[("covered_rows_percent", values)])
+        };
+        let runs = |localization| SweepData {
+            factors: vec!["algorithm".into(), "field".into()],
+            cells: vec![
+                covered(localization, "parallel-lines-ransac", &[50.0, 51.0, 49.0]),
+                covered(localization, "pcl-lines", &[40.0, 41.0, 39.0]),
+            ],
+        };
+        let verdict = |data: &SweepData| {
+            let checked = check("vintu2018", &[data]).unwrap();
+            checked.cells.into_iter().find(|cell| cell.label("claim") == "pcl-lines-worst-1").unwrap().verdict
+        };
+        assert_eq!(verdict(&runs(None)), Some(Verdict::Holds));
+        assert_eq!(verdict(&runs(Some("off"))), Some(Verdict::Holds));
+        assert_eq!(verdict(&runs(Some("on"))), Some(Verdict::NotRun), "figure 4.8 is without localization");
     }
 
     #[test]

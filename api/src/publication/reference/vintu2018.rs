@@ -139,6 +139,7 @@ fn said(name: &'static str, file: &File, row_factors: &'static [&'static str]) -
 /// Table 4.8: the row detectors each in a row of its own, all else in that of `map-lines`, with which it was measured.
 fn times(file: &File) -> Reference {
     let mut table = empty("table-4-8", file, &["algorithm"]);
+    table.only = &[("localization", "on")];
     table.metric = file.metric.clone();
     table.unit = "ms".to_owned();
     table.note = Some("the text gives 50 ms for the map's lines; the machine is not named".to_owned());
