@@ -1,10 +1,13 @@
 //! Answers that are made of a sweep's results, remembered until something changes.
 //!
 //! Many readers of one table cost one computation: while it goes on, the others wait for it, and who comes after it gets the
-//! same bytes as long as nothing was committed since. Nobody gets an answer that is older than the question.
+//! same bytes as long as nothing was committed since. Nobody gets an answer that is older than the question, but for the
+//! table of a sweep that goes on: each of its commits would make the table anew, which may take longer than the time to
+//! the next one. Such a table is given for some times as long as it took to make, and made anew beside that.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use axum::body::{Bytes, to_bytes};
 use axum::extract::{Request, State};
@@ -12,6 +15,7 @@ use axum::http::header::{ACCEPT, CONTENT_LENGTH, ETAG, IF_NONE_MATCH};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use furrow_schema::sweep::SweepState;
 
 use super::App;
 use super::etag::{Tag, is_known};
@@ -23,12 +27,25 @@ const KEPT: usize = 64;
 /// A longer answer is made anew each time.
 const LONGEST: usize = 1 << 20;
 
+/// The table of a sweep that goes on is made anew when it is so many times as old as it took to make,
+const MADE_ANEW: u32 = 4;
+/// and no longer given when it is so many times as old,
+const GIVEN: u32 = 8;
+/// or as old as this.
+const OLDEST: Duration = Duration::from_secs(2);
+
 /// The answers that were given last, by question.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Answers(Arc<Mutex<VecDeque<(Question, Slot)>>>);
+pub(super) struct Answers(Arc<Mutex<VecDeque<Remembered>>>);
 
-/// An answer, or the place of one that is being made.
-type Slot = Arc<tokio::sync::Mutex<Option<Answer>>>;
+type Remembered = (Question, Arc<Slot>);
+
+/// An answer, and who makes the next one.
+#[derive(Debug, Default)]
+struct Slot {
+    answer: Mutex<Option<Answer>>,
+    making: Arc<tokio::sync::Mutex<()>>,
+}
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Question {
@@ -40,6 +57,8 @@ struct Question {
 struct Answer {
     /// The coordinator's number of changes before it was made.
     changes: u64,
+    asked_at: Instant,
+    cost: Duration,
     headers: HeaderMap,
     body: Bytes,
 }
@@ -58,7 +77,7 @@ impl Question {
 
 impl Answers {
     /// The place of the answer; that of the question that was asked first makes room for a new one.
-    fn slot(&self, question: Question) -> Slot {
+    fn slot(&self, question: Question) -> Arc<Slot> {
         let mut slots = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(at) = slots.iter().position(|(other, _)| *other == question) {
             let found = slots.remove(at).expect("it was found just above");
@@ -69,7 +88,7 @@ impl Answers {
         if slots.len() == KEPT {
             slots.pop_front();
         }
-        let slot = Slot::default();
+        let slot = Arc::<Slot>::default();
         slots.push_back((question, Arc::clone(&slot)));
         slot
     }
@@ -88,37 +107,113 @@ impl Answer {
     }
 }
 
+impl Slot {
+    fn answer(&self) -> Option<Answer> {
+        self.answer.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Asks `next`, and remembers what it answers if that is worth it.
+    async fn make(&self, app: &App, mut request: Request, next: Next) -> Response {
+        let asked = request.headers().clone();
+        request.headers_mut().remove(IF_NONE_MATCH);
+        let (changes, asked_at) = (*app.coordinator().changed().borrow(), Instant::now());
+        let response = next.run(request).await;
+        if response.status() != StatusCode::OK {
+            return response;
+        }
+        let (parts, body) = response.into_parts();
+        let body = match to_bytes(body, usize::MAX).await {
+            Ok(body) => body,
+            Err(error) => return Problem::internal(&error).into_response(),
+        };
+        let mut headers = parts.headers;
+        if !headers.contains_key(ETAG) {
+            headers.extend(Tag::of_body(&body).headers());
+        }
+        let answer = Answer { changes, asked_at, cost: asked_at.elapsed(), headers, body };
+        let response = answer.to(&asked);
+        let kept = (answer.body.len() <= LONGEST).then_some(answer);
+        *self.answer.lock().unwrap_or_else(PoisonError::into_inner) = kept;
+        response
+    }
+}
+
+/// What the table of a sweep that goes on is good for when something was committed since.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Use {
+    Given,
+    /// And made anew meanwhile.
+    GivenOnceMore,
+    None,
+}
+
+impl Use {
+    fn of(age: Duration, cost: Duration) -> Self {
+        if age >= OLDEST.min(GIVEN * cost) {
+            Self::None
+        } else if age >= MADE_ANEW * cost {
+            Self::GivenOnceMore
+        } else {
+            Self::Given
+        }
+    }
+}
+
+/// Whether the question is after the table of a sweep that has not ended.
+async fn goes_on(app: &App, path: &str) -> bool {
+    let Some(name) = path.strip_prefix("/v1/sweeps/").and_then(|rest| rest.strip_suffix("/table")) else {
+        return false;
+    };
+    app.sweep_named(name).await.is_ok_and(|sweep| sweep.state == SweepState::Active)
+}
+
 /// Answers from memory where that is as good as asking `next`.
-pub(super) async fn remembered(
-    State((app, answers)): State<(App, Answers)>,
-    mut request: Request,
-    next: Next,
-) -> Response {
+pub(super) async fn remembered(State((app, answers)): State<(App, Answers)>, request: Request, next: Next) -> Response {
     let Some(question) = Question::of(&request) else { return next.run(request).await };
     let on_arrival = *app.coordinator().changed().borrow();
     let slot = answers.slot(question);
-    let mut slot = slot.lock().await;
-    let asked = request.headers().clone();
-    if let Some(answer) = slot.as_ref().filter(|answer| answer.changes >= on_arrival) {
-        return answer.to(&asked);
+    let is_fresh = |answer: &Answer| answer.changes >= on_arrival;
+    let held = slot.answer();
+    if let Some(answer) = held.as_ref().filter(|answer| is_fresh(answer)) {
+        return answer.to(request.headers());
     }
-    let changes = *app.coordinator().changed().borrow();
-    request.headers_mut().remove(IF_NONE_MATCH);
-    let response = next.run(request).await;
-    if response.status() != StatusCode::OK {
-        return response;
+    if let Some(answer) = held {
+        let use_of_it = Use::of(answer.asked_at.elapsed(), answer.cost);
+        if use_of_it != Use::None && goes_on(&app, request.uri().path()).await {
+            let response = answer.to(request.headers());
+            if use_of_it == Use::GivenOnceMore
+                && let Ok(making) = Arc::clone(&slot.making).try_lock_owned()
+            {
+                tokio::spawn(async move {
+                    slot.make(&app, request, next).await;
+                    drop(making);
+                });
+            }
+            return response;
+        }
     }
-    let (parts, body) = response.into_parts();
-    let body = match to_bytes(body, usize::MAX).await {
-        Ok(body) => body,
-        Err(error) => return Problem::internal(&error).into_response(),
-    };
-    let mut headers = parts.headers;
-    if !headers.contains_key(ETAG) {
-        headers.extend(Tag::of_body(&body).headers());
+    let _making = slot.making.lock().await;
+    if let Some(answer) = slot.answer().filter(is_fresh) {
+        return answer.to(request.headers());
     }
-    let answer = Answer { changes, headers, body };
-    let response = answer.to(&asked);
-    *slot = (answer.body.len() <= LONGEST).then_some(answer);
-    response
+    slot.make(&app, request, next).await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_longer_a_table_took_the_longer_it_is_given_but_two_seconds_at_most() {
+        let ms = Duration::from_millis;
+        assert_eq!(
+            [3, 4, 7, 8].map(|age| Use::of(ms(age), ms(1))),
+            [Use::Given, Use::GivenOnceMore, Use::GivenOnceMore, Use::None]
+        );
+        assert_eq!(
+            [300, 900, 1_999, 2_000].map(|age| Use::of(ms(age), ms(300))),
+            [Use::Given, Use::Given, Use::GivenOnceMore, Use::None]
+        );
+        assert_eq!(Use::of(ms(0), ms(0)), Use::None);
+    }
 }

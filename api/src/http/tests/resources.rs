@@ -230,3 +230,14 @@ async fn an_answer_is_remembered_until_a_result_comes() {
     assert_eq!(service.get(table).await.body, before.body, "results of another sweep change nothing");
     assert_eq!(after.json()["cells"][0]["n"], 4);
 }
+
+#[tokio::test]
+async fn the_table_of_a_sweep_shows_all_results_as_soon_as_it_has_ended() {
+    let service = Service::start().await;
+    let table = "/v1/sweeps/1/table?metric=success&group_by=algorithm";
+    service.post(&json!({"plan": plan(), "seeds": 2}), &[]).await;
+    let n = |reply: &Value| reply["cells"][0]["n"].clone();
+    assert_eq!(n(&service.get(table).await.json()), 0);
+    service.work().await;
+    assert_eq!(n(&service.get(table).await.json()), 4);
+}
