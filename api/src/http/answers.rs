@@ -27,12 +27,12 @@ const KEPT: usize = 64;
 /// A longer answer is made anew each time.
 const LONGEST: usize = 1 << 20;
 
-/// The table of a sweep that goes on is made anew when it is so many times as old as it took to make,
-const MADE_ANEW: u32 = 4;
-/// and no longer given when it is so many times as old,
-const GIVEN: u32 = 8;
-/// or as old as this.
-const OLDEST: Duration = Duration::from_secs(2);
+/// The table of a sweep that goes on is made anew so many times as long after it was made as that took,
+const MADE_ANEW: u32 = 3;
+/// within this at most,
+const MADE_ANEW_WITHIN: Duration = Duration::from_secs(1);
+/// and given so many times as long after that.
+const GIVEN: u32 = 2;
 
 /// The answers that were given last, by question.
 #[derive(Debug, Clone, Default)]
@@ -45,6 +45,8 @@ type Remembered = (Question, Arc<Slot>);
 struct Slot {
     answer: Mutex<Option<Answer>>,
     making: Arc<tokio::sync::Mutex<()>>,
+    /// Whether the sweep went on at which of the coordinator's changes.
+    going_on: tokio::sync::Mutex<(u64, bool)>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -57,7 +59,7 @@ struct Question {
 struct Answer {
     /// The coordinator's number of changes before it was made.
     changes: u64,
-    asked_at: Instant,
+    made_at: Instant,
     cost: Duration,
     headers: HeaderMap,
     body: Bytes,
@@ -130,7 +132,7 @@ impl Slot {
         if !headers.contains_key(ETAG) {
             headers.extend(Tag::of_body(&body).headers());
         }
-        let answer = Answer { changes, asked_at, cost: asked_at.elapsed(), headers, body };
+        let answer = Answer { changes, made_at: Instant::now(), cost: asked_at.elapsed(), headers, body };
         let response = answer.to(&asked);
         let kept = (answer.body.len() <= LONGEST).then_some(answer);
         *self.answer.lock().unwrap_or_else(PoisonError::into_inner) = kept;
@@ -148,23 +150,33 @@ enum Use {
 }
 
 impl Use {
+    /// By the time since it was made, and how long that took.
     fn of(age: Duration, cost: Duration) -> Self {
-        if age >= OLDEST.min(GIVEN * cost) {
-            Self::None
-        } else if age >= MADE_ANEW * cost {
+        let made_anew = MADE_ANEW_WITHIN.min(MADE_ANEW * cost);
+        if age < made_anew {
+            Self::Given
+        } else if age < made_anew + GIVEN * cost {
             Self::GivenOnceMore
         } else {
-            Self::Given
+            Self::None
         }
     }
 }
 
-/// Whether the question is after the table of a sweep that has not ended.
-async fn goes_on(app: &App, path: &str) -> bool {
-    let Some(name) = path.strip_prefix("/v1/sweeps/").and_then(|rest| rest.strip_suffix("/table")) else {
-        return false;
-    };
-    app.sweep_named(name).await.is_ok_and(|sweep| sweep.state == SweepState::Active)
+impl Slot {
+    /// Whether the question is after the table of a sweep that has not ended by that change: asked of the store once for each
+    /// change, not for each reader.
+    async fn goes_on(&self, app: &App, path: &str, change: u64) -> bool {
+        let name = path.strip_prefix("/v1/sweeps/").and_then(|rest| rest.strip_suffix("/table"));
+        let Some(name) = name else { return false };
+        let mut known = self.going_on.lock().await;
+        if known.0 < change {
+            let now = *app.coordinator().changed().borrow();
+            let goes_on = app.sweep_named(name).await.is_ok_and(|sweep| sweep.state == SweepState::Active);
+            *known = (now, goes_on);
+        }
+        known.1
+    }
 }
 
 /// Answers from memory where that is as good as asking `next`.
@@ -178,8 +190,8 @@ pub(super) async fn remembered(State((app, answers)): State<(App, Answers)>, req
         return answer.to(request.headers());
     }
     if let Some(answer) = held {
-        let use_of_it = Use::of(answer.asked_at.elapsed(), answer.cost);
-        if use_of_it != Use::None && goes_on(&app, request.uri().path()).await {
+        let use_of_it = Use::of(answer.made_at.elapsed(), answer.cost);
+        if use_of_it != Use::None && slot.goes_on(&app, request.uri().path(), on_arrival).await {
             let response = answer.to(request.headers());
             if use_of_it == Use::GivenOnceMore
                 && let Ok(making) = Arc::clone(&slot.making).try_lock_owned()
@@ -204,16 +216,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_longer_a_table_took_the_longer_it_is_given_but_two_seconds_at_most() {
+    fn the_longer_a_table_took_the_longer_it_is_given() {
         let ms = Duration::from_millis;
-        assert_eq!(
-            [3, 4, 7, 8].map(|age| Use::of(ms(age), ms(1))),
-            [Use::Given, Use::GivenOnceMore, Use::GivenOnceMore, Use::None]
-        );
-        assert_eq!(
-            [300, 900, 1_999, 2_000].map(|age| Use::of(ms(age), ms(300))),
-            [Use::Given, Use::Given, Use::GivenOnceMore, Use::None]
-        );
+        let uses = |cost, ages: [u64; 4]| ages.map(|age| Use::of(ms(age), ms(cost)));
+        let all = [Use::Given, Use::GivenOnceMore, Use::GivenOnceMore, Use::None];
+        assert_eq!(uses(1, [2, 3, 4, 5]), all);
+        assert_eq!(uses(100, [299, 300, 499, 500]), all);
+        assert_eq!(uses(2_000, [999, 1_000, 4_999, 5_000]), all);
         assert_eq!(Use::of(ms(0), ms(0)), Use::None);
     }
 }
