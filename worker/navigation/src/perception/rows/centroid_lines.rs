@@ -30,6 +30,8 @@ super::row_parameters! {
         pub max_iteration: u32 = 20, "1", [1, 10000];
         /// Plants of one row are linked over gaps up to so many planting distances. Ours: two plants may be missing.
         pub row_tolerance: f64 = 3.0, "1", [0.1, 100.0];
+        /// A centroid nearer than so many planting distances to an earlier one is of the same plant. Ours.
+        pub same_plant: f64 = 0.25, "1", [0.0, 1.0];
         /// Scans after which a centroid that was not seen again is forgotten. Ours: as in `map-lines`.
         pub memory_scans: u32 = 50, "1", [1, 100_000];
     }
@@ -50,6 +52,7 @@ struct Seen {
 pub struct CentroidLines {
     params: CentroidLinesParams,
     row_tolerance_m: f64,
+    same_plant_m: f64,
     row_distance_m: f64,
     clusters: Clusters,
     search: LineSearch,
@@ -70,6 +73,7 @@ impl CentroidLines {
     pub fn new(params: CentroidLinesParams, map: &PlantingMap) -> Self {
         Self {
             row_tolerance_m: params.row_tolerance * map.planting_distance_m,
+            same_plant_m: params.same_plant * map.planting_distance_m,
             params,
             row_distance_m: map.row_distance_m,
             clusters: Clusters::default(),
@@ -92,7 +96,7 @@ impl CentroidLines {
             let sum = cluster.iter().map(|i| &view.points[*i as usize]);
             let [x, y] = sum.fold([0.0; 2], |[x, y], point| [x + point.x, y + point.y]);
             let at = view.odometry_from_robot.world(x / n, y / n);
-            self.queue.retain(|other| f64::hypot(at[0] - other.at[0], at[1] - other.at[1]) > cluster_tolerance_m);
+            self.queue.retain(|other| f64::hypot(at[0] - other.at[0], at[1] - other.at[1]) > self.same_plant_m);
             self.queue.push_back(Seen { at, scan: self.scans });
         }
         self.scans += 1;
