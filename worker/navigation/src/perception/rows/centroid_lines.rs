@@ -62,9 +62,13 @@ pub struct CentroidLines {
     scans: u64,
     /// The same in the robot's frame, without heights.
     centroids: Vec<Point3>,
-    /// Of the left and of the right row.
-    sides: [Vec<[f64; 2]>; 2],
-    group: [Vec<[f64; 2]>; 2],
+    /// Which of them are of the left and of the right row.
+    sides: [Vec<u32>; 2],
+    group: [Vec<u32>; 2],
+    /// Those of the left and of the right row.
+    plants: [Vec<[f64; 2]>; 2],
+    /// Of these what this scan hit: others stand where odometry has carried them.
+    supports: [Vec<[f64; 2]>; 2],
 }
 
 impl CentroidLines {
@@ -83,6 +87,8 @@ impl CentroidLines {
             centroids: Vec::new(),
             sides: Default::default(),
             group: Default::default(),
+            plants: Default::default(),
+            supports: Default::default(),
         }
     }
 
@@ -119,13 +125,24 @@ impl CentroidLines {
             self.group.iter_mut().for_each(Vec::clear);
             let points = cluster.iter().map(|i| &self.centroids[*i as usize]).map(|point| [point.x, point.y]);
             let row = single_row(points.clone(), self.row_distance_m);
-            for point in points {
+            for (i, point) in cluster.iter().zip(points) {
                 let is_right = row.map_or(point[1] < 0.0, |row| row.left_of([0.0, 0.0]) > 0.0);
-                self.group[usize::from(is_right)].push(point);
+                self.group[usize::from(is_right)].push(*i);
             }
             for (side, group) in self.sides.iter_mut().zip(&mut self.group) {
                 if group.len() > side.len() {
                     std::mem::swap(side, group);
+                }
+            }
+        }
+        for ((side, plants), supports) in self.sides.iter().zip(&mut self.plants).zip(&mut self.supports) {
+            plants.clear();
+            supports.clear();
+            for i in side.iter().map(|i| *i as usize) {
+                let plant = [self.centroids[i].x, self.centroids[i].y];
+                plants.push(plant);
+                if self.queue[i].scan + 1 == self.scans {
+                    supports.push(plant);
                 }
             }
         }
@@ -136,10 +153,11 @@ impl RowDetector for CentroidLines {
     fn detect(&mut self, view: PlantPoints<'_>, random: &mut Stream) -> DetectedRows<'_> {
         self.remember(view);
         self.group_rows(view.odometry_from_robot);
-        let [left, right] = &self.sides;
+        let [left, right] = &self.plants;
         let search = &mut self.search;
         let CentroidLinesParams { dist_threshold_m, max_iteration, .. } = self.params;
         let lines = [left, right].map(|side| search.find(side, dist_threshold_m, max_iteration, random));
+        let [left, right] = &self.supports;
         DetectedRows { lines, supports: [left, right], plants: &[] }
     }
 }
@@ -168,7 +186,7 @@ mod tests {
         let places = (0..5).flat_map(|i| [0.5, -0.5].map(|side| [1.7 + f64::from(i) * planting_m, side * row_m]));
         detector.queue.extend(places.map(|at| Seen { at, scan: 0 }));
         detector.group_rows(Pose { heading_rad, ..Pose::default() });
-        detector.sides
+        detector.plants
     }
 
     /// Points of plants at these places, so many each.
@@ -204,6 +222,21 @@ mod tests {
             detector.remember(PlantPoints { points: &points, odometry_from_robot: Pose::default() });
         }
         assert_eq!(queue(&detector), [[2.029, -0.6], [2.0, 0.6]]);
+    }
+
+    #[test]
+    fn a_line_is_found_in_all_plants_and_supported_by_those_of_this_scan() {
+        let mut detector = detector(CentroidLinesParams::default());
+        let mut random = Stream::new(1, "centroid-lines");
+        for (plants, supports) in [(&[1.6, 2.0, 2.4][..], 3), (&[2.8], 1), (&[], 0)] {
+            let plants: Vec<_> = plants.iter().map(|x| ([*x, 0.6], 10)).collect();
+            let points = cloud(&plants);
+            let view = PlantPoints { points: &points, odometry_from_robot: Pose::default() };
+            let found = detector.detect(view, &mut random);
+            assert_eq!([found.supports[0].len(), found.supports[1].len()], [supports, 0]);
+            assert!(found.lines[0].unwrap().left_of([0.0, 0.6]).abs() < 1e-9);
+        }
+        assert_eq!(detector.plants[0].len(), 4);
     }
 
     #[test]
