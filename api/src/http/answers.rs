@@ -60,6 +60,7 @@ struct Answer {
     /// The coordinator's number of changes before it was made.
     changes: u64,
     made_at: Instant,
+    /// How long it took to make.
     cost: Duration,
     headers: HeaderMap,
     body: Bytes,
@@ -138,6 +139,20 @@ impl Slot {
         *self.answer.lock().unwrap_or_else(PoisonError::into_inner) = kept;
         response
     }
+
+    /// Whether the question is after the table of a sweep that has not ended by that change: asked of the store once for each
+    /// change, not for each reader.
+    async fn goes_on(&self, app: &App, path: &str, change: u64) -> bool {
+        let name = path.strip_prefix("/v1/sweeps/").and_then(|rest| rest.strip_suffix("/table"));
+        let Some(name) = name else { return false };
+        let mut known = self.going_on.lock().await;
+        if known.0 < change {
+            let now = *app.coordinator().changed().borrow();
+            let goes_on = app.sweep_named(name).await.is_ok_and(|sweep| sweep.state == SweepState::Active);
+            *known = (now, goes_on);
+        }
+        known.1
+    }
 }
 
 /// What the table of a sweep that goes on is good for when something was committed since.
@@ -160,22 +175,6 @@ impl Use {
         } else {
             Self::None
         }
-    }
-}
-
-impl Slot {
-    /// Whether the question is after the table of a sweep that has not ended by that change: asked of the store once for each
-    /// change, not for each reader.
-    async fn goes_on(&self, app: &App, path: &str, change: u64) -> bool {
-        let name = path.strip_prefix("/v1/sweeps/").and_then(|rest| rest.strip_suffix("/table"));
-        let Some(name) = name else { return false };
-        let mut known = self.going_on.lock().await;
-        if known.0 < change {
-            let now = *app.coordinator().changed().borrow();
-            let goes_on = app.sweep_named(name).await.is_ok_and(|sweep| sweep.state == SweepState::Active);
-            *known = (now, goes_on);
-        }
-        known.1
     }
 }
 

@@ -128,9 +128,7 @@ pub fn check(source: &str, sweeps: &[impl std::borrow::Borrow<SweepData>]) -> Re
 impl Claim {
     /// The claim beside these runs; none where a group has none.
     fn check(&self, data: &SweepData) -> Option<ComparisonCell> {
-        let only = |cell: &&CellData| {
-            self.only.iter().all(|(factor, label)| cell.factors.get(factor).is_none_or(|other| other == label))
-        };
+        let only = |cell: &&CellData| self.only.iter().all(|(factor, label)| cell.allows(factor, label));
         let cells: Vec<&CellData> = data.cells.iter().filter(only).collect();
         let groups: Vec<Pairs> = self.groups.iter().map(|group| group.of(&cells)).collect();
         if groups.iter().any(|group| group.n() == 0) {

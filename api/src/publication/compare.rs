@@ -52,7 +52,7 @@ fn is_known(reference: &Reference, cell: &CellData) -> bool {
         Kind::Measure => true,
         Kind::Mean => false,
     };
-    let only = |(factor, level): &(&str, &str)| cell.factors.get(*factor).is_none_or(|other| other == level);
+    let only = |(factor, label): &(&str, &str)| cell.allows(factor, label);
     reference.rows.iter().any(row) && reference.columns.iter().any(column) && reference.only.iter().all(only)
 }
 

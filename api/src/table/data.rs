@@ -97,6 +97,11 @@ impl SweepData {
 }
 
 impl CellData {
+    /// Whether its label of `factor` is `label`, or the sweep has no such factor.
+    pub(crate) fn allows(&self, factor: &str, label: &str) -> bool {
+        self.factors.get(factor).is_none_or(|own| own == label)
+    }
+
     fn new(summary: CellSummary, columns: Option<CellColumns>) -> Self {
         let CellSummary { factors, total, done, failed, mut metrics, .. } = summary;
         let Some(columns) = columns else {

@@ -172,17 +172,21 @@ fn single_row(mut points: impl Iterator<Item = [f64; 2]> + Clone, row_distance_m
 mod tests {
     use super::*;
 
+    fn detector(params: CentroidLinesParams, row_distance_m: f64, planting_distance_m: f64) -> CentroidLines {
+        let (rows, plants_per_row, lanes_to_the_left) = (2, 20, true);
+        CentroidLines::new(
+            params,
+            &PlantingMap { row_distance_m, planting_distance_m, rows, plants_per_row, lanes_to_the_left },
+        )
+    }
+
+    fn narrow(params: CentroidLinesParams) -> CentroidLines {
+        detector(params, 1.3, 0.4)
+    }
+
     /// Plants of two rows, a lane of `row_m` between them, seen from its middle by a robot turned by `heading_rad` to the left.
     fn sides(row_m: f64, planting_m: f64, heading_rad: f64) -> [Vec<[f64; 2]>; 2] {
-        let (rows, plants_per_row, lanes_to_the_left) = (2, 20, true);
-        let map = PlantingMap {
-            row_distance_m: row_m,
-            planting_distance_m: planting_m,
-            rows,
-            plants_per_row,
-            lanes_to_the_left,
-        };
-        let mut detector = CentroidLines::new(CentroidLinesParams::default(), &map);
+        let mut detector = detector(CentroidLinesParams::default(), row_m, planting_m);
         let places = (0..5).flat_map(|i| [0.5, -0.5].map(|side| [1.7 + f64::from(i) * planting_m, side * row_m]));
         detector.queue.extend(places.map(|at| Seen { at, scan: 0 }));
         detector.group_rows(Pose { heading_rad, ..Pose::default() });
@@ -198,17 +202,6 @@ mod tests {
         plants.iter().flat_map(of).collect()
     }
 
-    fn detector(params: CentroidLinesParams) -> CentroidLines {
-        let map = PlantingMap {
-            row_distance_m: 1.3,
-            planting_distance_m: 0.4,
-            rows: 2,
-            plants_per_row: 20,
-            lanes_to_the_left: true,
-        };
-        CentroidLines::new(params, &map)
-    }
-
     fn queue(detector: &CentroidLines) -> Vec<[f64; 2]> {
         let rounded = |value: f64| (value * 1e6).round() / 1e6;
         detector.queue.iter().map(|seen| seen.at.map(rounded)).collect()
@@ -216,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_plant_seen_again_stays_one_plant_where_it_was_seen_last() {
-        let mut detector = detector(CentroidLinesParams { cluster_limit: 2, ..CentroidLinesParams::default() });
+        let mut detector = narrow(CentroidLinesParams { cluster_limit: 2, ..CentroidLinesParams::default() });
         for i in 0..30 {
             let points = cloud(&[([2.0, 0.6], 12), ([2.0 + 0.001 * f64::from(i), -0.6], 10)]);
             detector.remember(PlantPoints { points: &points, odometry_from_robot: Pose::default() });
@@ -226,7 +219,7 @@ mod tests {
 
     #[test]
     fn a_line_is_found_in_all_plants_and_supported_by_those_of_this_scan() {
-        let mut detector = detector(CentroidLinesParams::default());
+        let mut detector = narrow(CentroidLinesParams::default());
         let mut random = Stream::new(1, "centroid-lines");
         for (plants, supports) in [(&[1.6, 2.0, 2.4][..], 3), (&[2.8], 1), (&[], 0)] {
             let plants: Vec<_> = plants.iter().map(|x| ([*x, 0.6], 10)).collect();
@@ -241,7 +234,7 @@ mod tests {
 
     #[test]
     fn of_too_many_plants_those_of_the_fewest_points_leave() {
-        let mut detector = detector(CentroidLinesParams { cluster_limit: 2, ..CentroidLinesParams::default() });
+        let mut detector = narrow(CentroidLinesParams { cluster_limit: 2, ..CentroidLinesParams::default() });
         let points = cloud(&[([2.0, 0.6], 30), ([2.0, -0.6], 10), ([3.0, 0.6], 20)]);
         detector.remember(PlantPoints { points: &points, odometry_from_robot: Pose::default() });
         assert_eq!(queue(&detector), [[3.0, 0.6], [2.0, 0.6]]);
@@ -249,7 +242,7 @@ mod tests {
 
     #[test]
     fn what_was_not_seen_for_long_is_forgotten() {
-        let mut detector = detector(CentroidLinesParams { memory_scans: 3, ..CentroidLinesParams::default() });
+        let mut detector = narrow(CentroidLinesParams { memory_scans: 3, ..CentroidLinesParams::default() });
         let points = cloud(&[([2.0, 0.6], 10)]);
         detector.remember(PlantPoints { points: &points, odometry_from_robot: Pose::default() });
         let left = [(); 4].map(|()| {
