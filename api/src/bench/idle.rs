@@ -1,13 +1,13 @@
 //! Runs that do nothing, or use the processor for a while.
 
 use std::sync::atomic::AtomicBool;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use furrow_schema::id::Digest;
 use furrow_schema::job::{RunRecord, Timings};
 use furrow_worker::{Order, Runner};
 
-use super::process::thread_cpu_ns;
+use super::process::thread_cpu;
 
 /// Metrics of a run, as many as a real one has.
 const METRICS: [&str; 8] = [
@@ -41,6 +41,21 @@ impl Runner for Idle {
     }
 }
 
+/// Such runs one after another on each of `threads` threads, for about `time`, without a queue.
+///
+/// Returns the share of that time that was not spent on runs: what the machine does beside them.
+#[must_use]
+pub fn beside_runs(runs: Idle, threads: usize, time: Duration) -> f64 {
+    let each = (time.as_nanos() / runs.run.as_nanos().max(1)).clamp(1, u128::from(u32::MAX)) as u32;
+    let began = Instant::now();
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| (0..each).for_each(|_| burn(runs.run)));
+        }
+    });
+    1.0 - (runs.run * each).as_secs_f64() / began.elapsed().as_secs_f64()
+}
+
 /// A record that is a function of scenario and seed.
 pub(super) fn record(scenario: &str, seed: u64) -> RunRecord {
     let value = |place: usize| (seed % 1_000) as f64 / (place + 1) as f64 + scenario.len() as f64;
@@ -61,9 +76,8 @@ fn burn(time: Duration) {
     if time.is_zero() {
         return;
     }
-    let Ok(began) = thread_cpu_ns() else { return std::thread::sleep(time) };
-    let used = || thread_cpu_ns().map_or(u64::MAX, |now| now - began);
-    while u128::from(used()) < time.as_nanos() {
+    let end = thread_cpu() + time;
+    while thread_cpu() < end {
         std::hint::spin_loop();
     }
 }
@@ -79,9 +93,17 @@ mod tests {
     }
 
     #[test]
+    fn runs_without_a_queue_take_most_of_the_time() {
+        let run = Duration::from_millis(1);
+        let share = beside_runs(Idle { run }, 1, 20 * run);
+        assert!((0.0..1.0).contains(&share), "{share}");
+    }
+
+    #[test]
     fn a_run_uses_the_time_that_was_asked_for() {
-        let before = thread_cpu_ns().unwrap();
+        let before = thread_cpu();
         burn(Duration::from_millis(2));
-        assert!(thread_cpu_ns().unwrap() - before >= 2_000_000);
+        let used = thread_cpu() - before;
+        assert!((2..10).contains(&used.as_millis()), "{used:?}");
     }
 }

@@ -14,9 +14,12 @@ use tokio::process::{Child, ChildStdout, Command};
 use super::error::CliError;
 use super::{output, stop, threads};
 use crate::bench::coordinator::Host;
-use crate::bench::idle::Idle;
+use crate::bench::idle::{self, Idle};
 use crate::bench::sessions::{self, Seen};
 use crate::bench::{Figures, Load, Ready, worker};
+
+/// Before and after a queue, runs are done so long without one.
+const ALONE_FOR: Duration = Duration::from_secs(10);
 
 /// Measure how fast the queue is on this machine
 #[derive(Debug, clap::Args)]
@@ -33,6 +36,8 @@ enum What {
     QueueCoordinator(CoordinatorArgs),
     #[command(hide = true)]
     QueueWorker(WorkerArgs),
+    #[command(hide = true)]
+    QueueAlone(AloneArgs),
     #[command(hide = true)]
     SessionsWorker(SessionsWorkerArgs),
 }
@@ -114,6 +119,14 @@ struct WorkerArgs {
 }
 
 #[derive(Debug, clap::Args)]
+struct AloneArgs {
+    #[arg(long)]
+    threads: usize,
+    #[arg(long)]
+    job_ms: u64,
+}
+
+#[derive(Debug, clap::Args)]
 struct SessionsWorkerArgs {
     #[arg(long)]
     connect: String,
@@ -142,8 +155,11 @@ struct Answer {
     workers: u64,
     threads: u64,
     job_ms: u64,
-    /// The share of the workers' time that was not spent on runs [%]; null for runs that take none.
+    /// The share of the workers' time that the queue took from runs [%]: what they did not spend on runs, less what they do
+    /// not spend on them without a queue. Null for runs that take no time.
     overhead_percent: Option<f64>,
+    /// The share of their time that such runs lose to the rest of the machine without a queue [%].
+    without_queue_percent: Option<f64>,
 }
 
 /// # Errors
@@ -153,6 +169,10 @@ pub(super) async fn run(args: BenchArgs) -> Result<(), CliError> {
         What::Queue(args) => queue(&args).await,
         What::QueueCoordinator(args) => coordinate(&args).await,
         What::QueueWorker(args) => work(args).await,
+        What::QueueAlone(args) => {
+            let runs = Idle { run: Duration::from_millis(args.job_ms) };
+            say(&idle::beside_runs(runs, args.threads, ALONE_FOR))
+        }
         What::Sessions(args) => sessions(&args).await,
         What::SessionsWorker(args) => {
             let time = Duration::from_secs(args.seconds);
@@ -211,6 +231,7 @@ async fn queue(args: &QueueArgs) -> Result<(), CliError> {
     if db.exists() {
         return Err(CliError::BadInput(format!("--keep {}: is there already", db.display())));
     }
+    let before = without_queue(args).await?;
     let mut coordinator = start_coordinator(&db, Load { jobs: args.jobs, cells: args.cells })?;
     let mut lines = lines_of(&mut coordinator)?;
     let ready: Ready = next(&mut lines).await?;
@@ -223,7 +244,24 @@ async fn queue(args: &QueueArgs) -> Result<(), CliError> {
     }
     let ended = coordinator.wait().await.map_err(CliError::failed("the coordinator"))?;
     let figures = figures.map_err(|error| CliError::Failed(format!("the coordinator ended with {ended}: {error}")))?;
-    show(args, figures)
+    let after = without_queue(args).await?;
+    show(args, figures, before.zip(after).map(|(before, after)| (before + after) / 2.0))
+}
+
+/// The share of their time that the runs lose without a queue, in as many processes; none for runs that take no time.
+async fn without_queue(args: &QueueArgs) -> Result<Option<f64>, CliError> {
+    if args.job_ms == 0 {
+        return Ok(None);
+    }
+    let threads = args.threads.to_string();
+    let words = ["queue-alone", "--threads", &threads, "--job-ms"];
+    let start = |_| child(&words, args.job_ms.to_string().as_ref());
+    let mut processes = (0..args.workers).map(start).collect::<Result<Vec<_>, _>>()?;
+    let mut sum = 0.0;
+    for process in &mut processes {
+        sum += next::<f64>(&mut lines_of(process)?).await?;
+    }
+    Ok(Some(sum / args.workers as f64))
 }
 
 fn start_worker(args: &QueueArgs, ready: &Ready, spool: &Path) -> Result<Child, CliError> {
@@ -234,11 +272,12 @@ fn start_worker(args: &QueueArgs, ready: &Ready, spool: &Path) -> Result<Child, 
     child(&[&words[..], &more[..]].concat(), spool.as_os_str())
 }
 
-fn show(args: &QueueArgs, figures: Figures) -> Result<(), CliError> {
+fn show(args: &QueueArgs, figures: Figures, without_queue: Option<f64>) -> Result<(), CliError> {
     let busy_s = figures.jobs as f64 * args.job_ms as f64 / 1e3 / (args.workers * args.threads) as f64;
-    let overhead_percent = (args.job_ms > 0).then(|| 100.0 * (1.0 - busy_s / figures.wall_s));
+    let overhead_percent = without_queue.map(|share| 100.0 * (1.0 - share - busy_s / figures.wall_s));
+    let without_queue_percent = without_queue.map(|share| 100.0 * share);
     let (workers, threads, job_ms) = (args.workers, args.threads, args.job_ms);
-    let answer = Answer { figures, workers, threads, job_ms, overhead_percent };
+    let answer = Answer { figures, workers, threads, job_ms, overhead_percent, without_queue_percent };
     if args.json {
         return output::json(&answer);
     }
@@ -251,7 +290,11 @@ fn show(args: &QueueArgs, figures: Figures) -> Result<(), CliError> {
         "coordinator: {coordinator_cpu_us_per_job:.1} us of processor time a job, \
          {coordinator_rss_mb:.0} MB with all jobs queued, {coordinator_peak_rss_mb:.0} MB at most"
     ))?;
-    overhead_percent.map_or(Ok(()), |percent| output::line(&format!("overhead on runs of {job_ms} ms: {percent:.2} %")))
+    overhead_percent.zip(without_queue_percent).map_or(Ok(()), |(percent, without)| {
+        output::line(&format!(
+            "overhead on runs of {job_ms} ms: {percent:.2} %, beside {without:.2} % that they lose without a queue"
+        ))
+    })
 }
 
 fn child(words: &[&str], last: &OsStr) -> Result<Child, CliError> {

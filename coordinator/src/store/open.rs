@@ -57,6 +57,7 @@ pub(super) async fn to_change(path: &Path) -> Result<Changeable, StoreError> {
         .journal_mode(SqliteJournalMode::Wal)
         .synchronous(SqliteSynchronous::Full)
         .pragma("cache_size", format!("-{WRITER_CACHE_KIB}"))
+        .pragma("temp_store", "memory")
         .pragma("wal_autocheckpoint", CHECKPOINT_PAGES.to_string())
         .pragma("journal_size_limit", LIMIT_BYTES.to_string());
     let writer = lasting_pool(1).connect_with(writing).await.map_err(|error| explain(&path, error))?;
