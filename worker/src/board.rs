@@ -209,6 +209,15 @@ impl<S> Board<S> {
         self.spool.is_none() && self.gathers(self.outbox.len())
     }
 
+    /// Whether the run that ended last has to be looked at: it is the first to be kept or reported, or the last to wait for.
+    pub(crate) fn has_news(&self) -> bool {
+        let (gathering, ended) = match &self.spool {
+            Some(spool) => (self.gathers_for_spool() && self.outbox.is_empty(), spool.unkept.len()),
+            None => (self.gathers_for_report(), self.outbox.len()),
+        };
+        !gathering || ended == 1
+    }
+
     fn gathers(&self, ended: usize) -> bool {
         !self.closed && (self.running > 0 || !self.queue.is_empty()) && ended > 0 && ended < MAX_CLAIM as usize
     }

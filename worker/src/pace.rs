@@ -50,17 +50,11 @@ pub(crate) fn begin<R: Runner>(shared: Arc<Shared<R::Scenario>>, runner: Arc<R>,
 
 async fn take_all<R: Runner>(shared: Arc<Shared<R::Scenario>>, runner: Arc<R>, pace: Pace, gone: CancellationToken) {
     loop {
-        let Some(work) = shared.board().take() else { return };
-        shared.room.notify_one();
+        let Some(work) = shared.take() else { return };
         let began = Instant::now();
         let lasts = (pace.lasts)(&work.lease);
         let ended = if is_stopped(&work, lasts).await { RunEnd::HandedBack } else { run(runner.as_ref(), &work) };
-        let more = {
-            let mut board = shared.board();
-            board.finish(&work.lease, ended, began.elapsed());
-            board.engage()
-        };
-        shared.ring_ended();
+        let more = shared.finish(&work.lease, ended, began.elapsed());
         for _ in 0..more {
             begin(Arc::clone(&shared), Arc::clone(&runner), pace.clone(), gone.clone());
         }

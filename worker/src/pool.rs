@@ -3,9 +3,9 @@
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use furrow_schema::protocol::RunEnd;
+use furrow_schema::protocol::{LeasedJob, RunEnd};
 use tokio::sync::Notify;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
@@ -19,7 +19,7 @@ const MAX_MESSAGE: usize = 2_000;
 /// The board, and bells that ring when it changes.
 pub(crate) struct Shared<S> {
     board: Mutex<Board<S>>,
-    /// Rings when a run was taken or ended: there may be room for more jobs.
+    /// Rings when there may be room for more jobs.
     pub(crate) room: Notify,
     /// Rings when the outbox may have grown, or the board became idle.
     pub(crate) ended: Notify,
@@ -32,6 +32,30 @@ impl<S> Shared<S> {
     pub(crate) fn new(threads: usize, spooling: bool) -> Self {
         let board = Mutex::new(Board::new(threads, spooling));
         Self { board, room: Notify::new(), ended: Notify::new(), spool: Notify::new() }
+    }
+
+    /// The next run for a taker, as the board gives it. Rings only where that makes room: a bell costs more than a short run.
+    pub(crate) fn take(&self) -> Option<Work<S>> {
+        let mut board = self.board();
+        let work = board.take()?;
+        let room = board.want() > 0;
+        drop(board);
+        if room {
+            self.room.notify_one();
+        }
+        Some(work)
+    }
+
+    /// A run ended. Says how many more takers should begin.
+    pub(crate) fn finish(&self, job: &LeasedJob, ended: RunEnd, took: Duration) -> usize {
+        let mut board = self.board();
+        board.finish(job, ended, took);
+        let (more, news) = (board.engage(), board.has_news());
+        drop(board);
+        if news {
+            self.ring_ended();
+        }
+        more
     }
 
     /// A run ended, or there will be no more of them.
@@ -94,16 +118,10 @@ impl<R: Runner> Pool<R> {
 
 fn take_all<R: Runner>(shared: &Arc<Shared<R::Scenario>>, runner: &Arc<R>) {
     loop {
-        let Some(work) = shared.board().take() else { return };
-        shared.room.notify_one();
+        let Some(work) = shared.take() else { return };
         let began = Instant::now();
         let ended = run(runner.as_ref(), &work);
-        let more = {
-            let mut board = shared.board();
-            board.finish(&work.lease, ended, began.elapsed());
-            board.engage()
-        };
-        shared.ring_ended();
+        let more = shared.finish(&work.lease, ended, began.elapsed());
         for _ in 0..more {
             let (shared, runner) = (Arc::clone(shared), Arc::clone(runner));
             rayon::spawn(move || take_all(&shared, &runner));

@@ -299,3 +299,26 @@ fn ended_runs_that_pass_through_the_spool_gather_there() {
     board.spooled(runs, 1);
     assert!(!board.gathers_for_spool() && !board.gathers_for_report(), "what was spooled is reported at once");
 }
+
+#[test]
+fn of_runs_that_gather_only_the_first_and_the_last_are_news() {
+    for spooling in [false, true] {
+        let mut board = Board::new(1, spooling);
+        (1..=4).for_each(|job| board.add(lease(job), scenario()));
+        let news = [(); 4].map(|()| {
+            run_one(&mut board, Duration::ZERO);
+            board.has_news()
+        });
+        assert_eq!(news, [true, false, false, true], "with a spool: {spooling}");
+    }
+}
+
+#[test]
+fn a_run_that_is_handed_back_is_news_beside_runs_that_gather() {
+    let mut board = Board::new(2, true);
+    (1..=4).for_each(|job| board.add(lease(job), scenario()));
+    (0..2).for_each(|_| run_one(&mut board, Duration::ZERO));
+    let stopped = board.take().unwrap();
+    board.finish(&stopped.lease, RunEnd::HandedBack, Duration::ZERO);
+    assert!(board.has_news());
+}
