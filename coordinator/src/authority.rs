@@ -22,7 +22,10 @@ use rcgen::{
 pub const JOIN: &str = "furrow-join";
 /// The common name of a worker's certificate.
 pub const WORKER: &str = "furrow-worker";
-const COORDINATOR: &str = "furrow-coordinator";
+/// The common name of the certificate of a router between sites.
+pub const ROUTER: &str = "furrow-router";
+/// The common name of the coordinator's certificate.
+pub const COORDINATOR: &str = "furrow-coordinator";
 const AUTHORITY: &str = "furrow authority";
 
 /// Key and certificate, one behind the other.
@@ -46,10 +49,18 @@ pub struct Authority {
 
 /// A certificate with its private key, both as PEM.
 #[derive(Clone, PartialEq, Eq)]
-pub(crate) struct Signed {
-    pub(crate) certificate_pem: String,
-    pub(crate) key_pem: String,
+pub struct Signed {
+    /// What the authority signed.
+    pub certificate_pem: String,
+    /// The secret that belongs to it.
+    pub key_pem: String,
     pub(crate) public_key: PublicKey,
+}
+
+impl fmt::Debug for Signed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Signed(..)")
+    }
 }
 
 /// Why there is no authority. The caller names the folder to the user and gives up.
@@ -78,27 +89,31 @@ impl Authority {
     /// # Errors
     /// See [`AuthorityError`].
     pub fn open(folder: &Path, now_ms: i64) -> Result<Self, AuthorityError> {
-        let refused = |reason: &dyn fmt::Display| AuthorityError::Folder {
-            folder: folder.to_owned(),
-            reason: reason.to_string(),
-        };
-        DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(folder).map_err(|error| refused(&error))?;
-        let file = folder.join(FILE);
-        match fs::read_to_string(&file) {
-            Ok(pem) => {
-                let mode = fs::metadata(&file).map_err(|error| refused(&error))?.permissions().mode();
-                if mode & OTHERS != 0 {
-                    return Err(AuthorityError::Open { file });
-                }
-                Self::from_pem(&pem).ok_or_else(|| refused(&format_args!("`{FILE}` is damaged")))
-            }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                let new = Self::draw(now_ms);
-                new.keep(folder).map_err(|error| refused(&error))?;
-                Ok(new)
-            }
-            Err(error) => Err(refused(&error)),
+        if let Some(there) = Self::find(folder)? {
+            return Ok(there);
         }
+        let new = Self::draw(now_ms);
+        let made = DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(folder);
+        made.and_then(|()| new.keep(folder)).map_err(|error| refused(folder, &error))?;
+        Ok(new)
+    }
+
+    /// The authority in `folder`, if there is one.
+    ///
+    /// # Errors
+    /// See [`AuthorityError`].
+    pub fn find(folder: &Path) -> Result<Option<Self>, AuthorityError> {
+        let file = folder.join(FILE);
+        let pem = match fs::read_to_string(&file) {
+            Ok(pem) => pem,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(refused(folder, &error)),
+        };
+        let mode = fs::metadata(&file).map_err(|error| refused(folder, &error))?.permissions().mode();
+        if mode & OTHERS != 0 {
+            return Err(AuthorityError::Open { file });
+        }
+        Self::from_pem(&pem).map(Some).ok_or_else(|| refused(folder, &format_args!("`{FILE}` is damaged")))
     }
 
     /// A new one, kept nowhere.
@@ -140,26 +155,31 @@ impl Authority {
     /// # Errors
     /// The name that is neither.
     pub(crate) fn coordinator(&self, names: &[String], now_ms: i64) -> Result<Signed, String> {
-        let mut of_coordinator = params(COORDINATOR, now_ms, now_ms + AUTHORITY_DAYS * DAY_MS);
-        for name in names {
-            let named = CertificateParams::new([name.clone()]).map_err(|_| name.clone())?;
-            of_coordinator.subject_alt_names.extend(named.subject_alt_names);
-        }
-        Ok(self.sign_new(&usable(of_coordinator, ExtendedKeyUsagePurpose::ServerAuth)))
+        let of_coordinator = named(params(COORDINATOR, now_ms, now_ms + AUTHORITY_DAYS * DAY_MS), names)?;
+        Ok(self.sign_new(&usable(of_coordinator, &[ExtendedKeyUsagePurpose::ServerAuth])))
+    }
+
+    /// A fresh key and certificate for a router that workers reach under `names`, and that is let in until `until_ms`.
+    ///
+    /// # Errors
+    /// The name that is neither an address nor the name of a host.
+    pub fn router(&self, names: &[String], now_ms: i64, until_ms: i64) -> Result<Signed, String> {
+        let both = [ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
+        Ok(self.sign_new(&usable(named(params(ROUTER, now_ms, until_ms), names)?, &both)))
     }
 
     /// A fresh key and certificate for a join secret.
     pub(crate) fn join(&self, now_ms: i64, until_ms: i64) -> Signed {
         // One that comes late shall be told why: the coordinator knows better when a secret ends.
         let of_secret = params(JOIN, now_ms, until_ms + DAY_MS);
-        self.sign_new(&usable(of_secret, ExtendedKeyUsagePurpose::ClientAuth))
+        self.sign_new(&usable(of_secret, &[ExtendedKeyUsagePurpose::ClientAuth]))
     }
 
     /// A certificate for a worker's key (PEM).
     pub(crate) fn worker(&self, worker: &WorkerId, key: PublicKey, now_ms: i64, until_ms: i64) -> String {
         let mut of_worker = params(WORKER, now_ms, until_ms);
         of_worker.distinguished_name.push(DnType::OrganizationalUnitName, worker.as_str());
-        self.sign(&usable(of_worker, ExtendedKeyUsagePurpose::ClientAuth), &Ed25519(key))
+        self.sign(&usable(of_worker, &[ExtendedKeyUsagePurpose::ClientAuth]), &Ed25519(key))
     }
 
     /// What a worker with this key proves itself with: the same whenever it is asked for.
@@ -200,6 +220,10 @@ impl PublicKeyData for Ed25519 {
     }
 }
 
+fn refused(folder: &Path, reason: &dyn fmt::Display) -> AuthorityError {
+    AuthorityError::Folder { folder: folder.to_owned(), reason: reason.to_string() }
+}
+
 fn draw_key() -> KeyPair {
     KeyPair::generate_for(&PKCS_ED25519).expect("the operating system gives random numbers")
 }
@@ -216,10 +240,18 @@ fn params(common_name: &str, from_ms: i64, until_ms: i64) -> CertificateParams {
     params
 }
 
-fn usable(mut params: CertificateParams, usage: ExtendedKeyUsagePurpose) -> CertificateParams {
+fn named(mut params: CertificateParams, names: &[String]) -> Result<CertificateParams, String> {
+    for name in names {
+        let named = CertificateParams::new([name.clone()]).map_err(|_| name.clone())?;
+        params.subject_alt_names.extend(named.subject_alt_names);
+    }
+    Ok(params)
+}
+
+fn usable(mut params: CertificateParams, usages: &[ExtendedKeyUsagePurpose]) -> CertificateParams {
     params.is_ca = IsCa::ExplicitNoCa;
     params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
-    params.extended_key_usages = vec![usage];
+    params.extended_key_usages = usages.to_vec();
     params.use_authority_key_identifier_extension = true;
     params
 }
@@ -278,5 +310,15 @@ mod tests {
         let names = ["192.0.2.2", "localhost", "barn.example"].map(str::to_owned);
         assert!(authority.coordinator(&names, NOW_MS).is_ok());
         assert_eq!(authority.coordinator(&["schön".to_owned()], NOW_MS).err(), Some("schön".to_owned()));
+        assert_eq!(authority.router(&["schön".to_owned()], NOW_MS, NOW_MS).err(), Some("schön".to_owned()));
+    }
+
+    #[test]
+    fn nothing_is_made_where_an_authority_is_only_looked_for() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("furrow.db.lan");
+        assert!(Authority::find(&folder).unwrap().is_none() && !folder.exists());
+        let made = Authority::open(&folder, NOW_MS).unwrap();
+        assert_eq!(Authority::find(&folder).unwrap().unwrap().certificate_pem(), made.certificate_pem());
     }
 }

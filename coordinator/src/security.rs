@@ -12,7 +12,7 @@ use base64::engine::general_purpose::STANDARD;
 use furrow_schema::protocol::{KEY_PREFIX, Method, coordinator_key, key};
 use serde_json::{Value, json};
 
-use crate::authority::{Authority, JOIN, Signed, WORKER};
+use crate::authority::{Authority, JOIN, ROUTER, Signed, WORKER};
 use crate::zenoh_config::{ZenohError, split};
 
 /// A local network that is served.
@@ -110,7 +110,8 @@ fn certificates(own: &Signed, authority_pem: &str) -> Vec<(&'static str, Value)>
     ]
 }
 
-/// Who may do what; everything else is denied, in both directions.
+/// Who may do what; everything else is denied, in both directions. A router passes on what workers and newcomers say, and
+/// tells them apart itself.
 fn access_control(namespace: &str, coordinator: &str) -> Value {
     let of = |methods: &[Method]| methods.iter().map(|method| key(namespace, coordinator, *method)).collect::<Vec<_>>();
     let work = of(&[Method::Hello, Method::Claim, Method::Result, Method::Renew, Method::Refresh]);
@@ -138,13 +139,14 @@ fn access_control(namespace: &str, coordinator: &str) -> Value {
         "subjects": [
             {"id": "worker", "cert_common_names": [WORKER], "link_protocols": ["quic"]},
             {"id": "newcomer", "cert_common_names": [JOIN], "link_protocols": ["quic"]},
+            {"id": "router", "cert_common_names": [ROUTER], "link_protocols": ["quic"]},
         ],
         "policies": [
-            {"id": "workers", "subjects": ["worker"], "rules": [
+            {"id": "workers", "subjects": ["worker", "router"], "rules": [
                 "may-work", "is-answered", "may-find", "finds", "may-show-life", "life-is-watched", "may-hear-hints",
                 "hears-hints",
             ]},
-            {"id": "newcomers", "subjects": ["newcomer"], "rules": ["may-enrol", "is-enrolled"]},
+            {"id": "newcomers", "subjects": ["newcomer", "router"], "rules": ["may-enrol", "is-enrolled"]},
         ],
     })
 }

@@ -39,6 +39,10 @@ pub(super) const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
             ("work --join secret --connect quic/192.0.2.2:7447", "over the local network, with a secret in a file"),
         ],
     ),
+    (
+        "router",
+        &[("router --name router.example --to router --db results.db", "certificates for deploy/zenoh/router.json5")],
+    ),
     ("join", &[("join --uses 3 --valid 1h --out secret", "a secret for three more workers")]),
     (
         "workers",

@@ -11,6 +11,13 @@ use super::error::CliError;
 use super::{join, output};
 use crate::http::workers::NewJoinSecret;
 
+/// Where the authority of the database `db` is kept.
+pub(super) fn folder_of(db: &Path) -> PathBuf {
+    let mut folder = OsString::from(db);
+    folder.push(".lan");
+    folder.into()
+}
+
 #[derive(Debug, clap::Args)]
 pub(super) struct LanArgs {
     /// Serve workers on the local network: encrypted, and only those that enrolled with a join secret, of which the first
@@ -39,9 +46,7 @@ impl LanArgs {
         if !self.lan {
             return Ok(None);
         }
-        let mut folder = OsString::from(db);
-        folder.push(".lan");
-        let authority = Authority::open(Path::new(&folder), config.clock.now_ms());
+        let authority = Authority::open(&folder_of(db), config.clock.now_ms());
         let authority = Arc::new(authority.map_err(CliError::bad_input("--lan"))?);
         Ok(Some(LocalNetwork { authority, names: self.lan_name.clone() }))
     }

@@ -19,6 +19,7 @@ mod plans;
 mod progress;
 mod replay;
 mod report;
+mod router;
 mod run;
 mod scans;
 mod selection;
@@ -62,6 +63,7 @@ enum Command {
     Serve(serve::ServeArgs),
     Work(work::WorkArgs),
     Join(join::JoinArgs),
+    Router(router::RouterArgs),
     Workers(workers::WorkersArgs),
     Plans(plans::PlansArgs),
     Parameters(parameters::ParametersArgs),
@@ -99,6 +101,7 @@ impl Command {
             Self::Serve(args) => serve::run(args).await,
             Self::Work(args) => work::run(args).await,
             Self::Join(args) => join::run(args).await,
+            Self::Router(args) => router::run(&args),
             Self::Workers(args) => workers::run(args).await,
             Self::Plans(args) => plans::run(&args),
             Self::Parameters(args) => parameters::run(&args),
@@ -214,6 +217,7 @@ mod tests {
             "furrow work --join -",
             "furrow join --valid 1h --uses 3 --expires 30d --url http://127.0.0.1:1 --out secret",
             "furrow join --json",
+            "furrow router --name router.example --name 192.0.2.7 --expires 90d --to router --db x.db",
             "furrow workers --url http://127.0.0.1:1 --json",
             "furrow workers revoke 0123456789abcdef0123456789abcdef --db x.db",
             "furrow workers expire 0123456789abcdef0123456789abcdef --in 7d --json",
@@ -263,6 +267,8 @@ mod tests {
         for line in [
             "furrow",
             "furrow workers revoke x",
+            "furrow router --db x.db --to router",
+            "furrow router --db x.db --to router --name a --expires 21y",
             "furrow serve --db x.db --lan-name x",
             "furrow run",
             "furrow run p --seeds x",

@@ -3,9 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use furrow_schema::join::JoinSecret;
+use furrow_schema::protocol::{Leases, Method, Reply};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use crate::machine::{Machine, ask, connect, secret_in, serve_lan};
 use crate::plan::{directory, path, plan};
 use crate::process::{Running, finished};
 use crate::server::Server;
@@ -73,7 +76,7 @@ fn commands() -> Vec<(String, Vec<String>)> {
 
 /// The subcommand that `words` begin with, and the options behind it; none if they are no command.
 fn command<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<(String, Vec<String>)> {
-    let known = ["serve", "work", "token", "status", "submit", "watch"];
+    let known = ["serve", "work", "token", "router", "status", "submit", "watch"];
     let mut name = words.next().filter(|word| known.contains(word))?.to_owned();
     let words: Vec<_> = words.take_while(|word| !matches!(*word, "|" | ">" | "&&")).collect();
     if name == "token" {
@@ -219,27 +222,63 @@ fn the_router_s_configuration_is_zenoh_s() {
     assert_eq!(text("access_control/default_permission"), "\"deny\"");
 }
 
-/// The same router, but over TCP on this machine: what it lets through is what workers need.
+/// The router of `deploy/` between a coordinator and its workers, on this machine; and where workers reach it.
+async fn router(directory: &tempfile::TempDir, db: &str, coordinator: &str) -> (zenoh::Session, String) {
+    let made = path(directory, "router");
+    let finished = finished(&["router", "--name", "127.0.0.1", "--to", &made, "--db", db]).await;
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    let free = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let listen = format!("quic/{free}");
+    let text = read("zenoh/router.json5").replace("/etc/zenohd/furrow", &made);
+    let text = text.replace("quic/0.0.0.0:7447", &listen).replace("quic/coordinator.example:7447", coordinator);
+    let router = zenoh::open(zenoh::Config::from_json5(&text).unwrap()).await.unwrap();
+    (router, listen)
+}
+
 #[tokio::test(flavor = "multi_thread")]
-async fn a_worker_behind_the_router_works() {
+async fn a_worker_behind_the_router_enrols_works_and_is_missed() {
     let directory = directory();
-    let server = Server::start(&path(&directory, "served.db"), 0).await;
-    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let listen = format!("tcp/{free}");
-    let mut config = zenoh::Config::from_json5(&read("zenoh/router.json5")).unwrap();
-    for (key, value) in [
-        ("listen/endpoints", json!([listen])),
-        ("connect/endpoints", json!([server.endpoint])),
-        ("transport/link/protocols", json!(["tcp"])),
-        ("transport/link/tls", json!({})),
-    ] {
-        config.insert_json5(key, &value.to_string()).unwrap();
-    }
-    let router = zenoh::open(config).await.unwrap();
-    let _worker = Running::start(&["work", "--connect", &listen, "--threads", "1", "--spool", &server.spool]);
+    let db = path(&directory, "served.db");
+    let (server, secret) = serve_lan(&db).await;
+    let (router, listen) = router(&directory, &db, &server.endpoint).await;
+    let work = ["work", "--join", &secret, "--connect", &listen, "--threads", "1", "--spool", &server.spool];
+    let mut worker = Running::start(&work);
     let sweep = server.submit(&json!({"plan": plan(1.0, 1)})).await;
     let done = server.done(sweep).await;
-    assert_eq!((done["done"].as_u64(), done["failed"].as_u64()), (Some(4), Some(0)));
+    assert_eq!((done["done"].as_u64(), done["failed"].as_u64()), (Some(4), Some(0)), "{}", worker.log());
+
+    let long = server.submit(&json!({"plan": plan(600.0, 2)})).await;
+    server.until(&format!("/v1/sweeps/{long}"), |sweep| (sweep["leased"].as_u64()? > 0).then_some(())).await;
+    worker.child.kill().await.unwrap();
+    let free = |sweep: &Value| (sweep["leased"].as_u64()? == 0).then_some(());
+    server.until(&format!("/v1/sweeps/{long}"), free).await;
+    router.close().await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_router_keeps_out_whom_the_coordinator_would() {
+    let directory = directory();
+    let db = path(&directory, "served.db");
+    let (server, secret) = serve_lan(&db).await;
+    let (router, listen) = router(&directory, &db, &server.endpoint).await;
+    let (secret, (_elsewhere, foreign)) = (secret_in(&secret), serve_lan(&path(&directory, "elsewhere.db")).await);
+    let (authority, foreign) = (&secret.authority_pem, secret_in(&foreign));
+    let here = JoinSecret { endpoints: vec![listen.clone()], ..secret.clone() };
+    let machine = Machine::enrol(&here, directory.path()).await;
+    let answer = machine.ask::<Leases>(Method::Claim, &machine.claim(1)).await;
+    assert!(matches!(answer, Some(Reply::Ok(_))), "{answer:?}");
+
+    let stranger = (foreign.certificate_pem.as_str(), foreign.key_pem.as_str());
+    let own = (secret.certificate_pem.as_str(), secret.key_pem.as_str());
+    let newcomer = async {
+        let session = connect(&listen, authority, Some(own)).await.unwrap();
+        ask::<Leases>(&session, &machine.key(Method::Claim), &machine.claim(1)).await
+    };
+    let (nobody, stranger, newcomer) =
+        tokio::join!(connect(&listen, authority, None), connect(&listen, authority, Some(stranger)), newcomer);
+    nobody.expect_err("without a certificate");
+    stranger.expect_err("with another authority's");
+    assert_eq!(newcomer, None, "a join secret opens one question");
     router.close().await.unwrap();
 }
 

@@ -9,6 +9,7 @@ use tempfile::TempDir;
 use tokio::process::Command;
 use tokio::time::{interval, timeout};
 
+use crate::machine::serve_lan;
 use crate::plan::{directory, path, plan};
 use crate::process::{self, Running};
 use crate::server::Server;
@@ -33,21 +34,36 @@ async fn endless_job(server: &Server) -> i64 {
 /// A coordinator, workers with a thread each by their names, and the database in which both show.
 struct Field {
     server: Server,
+    /// What workers join with, on a local network.
+    secret: Option<String>,
     workers: BTreeMap<String, Running>,
     database: SqlitePool,
     _directory: TempDir,
 }
 
+/// How workers reach the coordinator.
+#[derive(Debug, Clone, Copy)]
+enum Over {
+    Tcp,
+    Quic,
+}
+
 impl Field {
     /// All workers said hello and are idle.
-    async fn with_workers(n: usize) -> Self {
+    async fn with_workers(n: usize, over: Over) -> Self {
         let directory = directory();
         let db = path(&directory, "served.db");
-        let server = Server::start(&db, 0).await;
+        let (server, secret) = match over {
+            Over::Tcp => (Server::start(&db, 0).await, None),
+            Over::Quic => {
+                let (server, secret) = serve_lan(&db).await;
+                (server, Some(secret))
+            }
+        };
         let database = SqlitePool::connect(&format!("sqlite://{db}?mode=ro")).await.unwrap();
-        let mut field = Self { server, workers: BTreeMap::new(), database, _directory: directory };
+        let mut field = Self { server, secret, workers: BTreeMap::new(), database, _directory: directory };
         for _ in 0..n {
-            let worker = field.server.worker();
+            let worker = field.worker();
             let new = field.until("select uid from worker order by id desc limit 1", |uid: &String| {
                 !field.workers.contains_key(uid)
             });
@@ -55,6 +71,11 @@ impl Field {
             field.workers.insert(new, worker);
         }
         field
+    }
+
+    fn worker(&self) -> Running {
+        let Some(secret) = &self.secret else { return self.server.worker() };
+        Running::start(&["work", "--join", secret, "--threads", "1", "--spool", &self.server.spool])
     }
 
     /// Waits until the first row of `query` is there and as it should be.
@@ -94,14 +115,23 @@ impl Field {
 
 #[tokio::test]
 async fn the_job_of_a_killed_worker_runs_elsewhere_soon_and_the_third_death_is_the_last() {
-    let mut field = Field::with_workers(3).await;
+    three_deaths(Over::Tcp).await;
+}
+
+#[tokio::test]
+async fn over_quic_where_no_link_breaks_audibly_it_is_the_same() {
+    three_deaths(Over::Quic).await;
+}
+
+async fn three_deaths(over: Over) {
+    let mut field = Field::with_workers(3, over).await;
     let job = endless_job(&field.server).await;
     let (_, mut holder) = field.running(1).await;
     for next in 2..=3 {
         let killed_ms = now_ms();
         field.workers.remove(&holder).unwrap().child.kill().await.unwrap();
         let (claimed_ms, elsewhere) = field.running(next).await;
-        eprintln!("the job of a killed worker began elsewhere {} ms after the kill", claimed_ms - killed_ms);
+        eprintln!("{over:?}: the job of a killed worker began elsewhere {} ms after the kill", claimed_ms - killed_ms);
         assert!(claimed_ms - killed_ms < ELSEWHERE_WITHIN_MS);
         holder = elsewhere;
     }
@@ -115,7 +145,7 @@ async fn the_job_of_a_killed_worker_runs_elsewhere_soon_and_the_third_death_is_t
 
 #[tokio::test]
 async fn a_worker_that_slept_leaves_its_job_to_the_one_that_has_it_now() {
-    let field = Field::with_workers(2).await;
+    let field = Field::with_workers(2, Over::Tcp).await;
     let job = endless_job(&field.server).await;
     let (_, asleep) = field.running(1).await;
     let stopped_ms = now_ms();
