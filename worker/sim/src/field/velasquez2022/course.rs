@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn the_production_lane_turns_by_57_degrees_at_a_radius_of_eight_metres() {
-        let preset = preset(LaneName::Production);
+        let preset = preset(LaneName::Production, 1);
         let course = Course::new(&preset);
         let turned = course.knots.last().unwrap().1;
         assert!((turned - 8.0 / 8.0).abs() < 1e-3, "{turned}");
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn a_row_wanders_as_far_as_it_should_and_its_neighbourhood_with_it() {
-        let preset = preset(LaneName::Es2);
+        let preset = preset(LaneName::Es2, 1);
         let rows: Vec<_> =
             (0..50).map(|seed| Row::new(&preset, 0.4, 0.022, &mut Stream::new(seed, "field-rows"))).collect();
         let mean = |f: &dyn Fn(&Row, f64) -> f64| {

@@ -40,9 +40,9 @@ furrow_navigation::words! {
         H = "lane-h",
         /// Production field with a curve, 300 m.
         Production = "production",
-        /// Sections of 5 m between gaps of 1 m.
+        /// Sections of 5 m between gaps of 1 m, in conditions that the seed draws.
         Es1 = "es-1",
-        /// Seventy-five sections of 4.8 m between gaps of 0.5 m.
+        /// Seventy-five sections of 4.8 m between gaps of 0.5 m, in conditions that the seed draws.
         Es2 = "es-2",
     }
 }
@@ -85,9 +85,8 @@ const BIG_GAP_FROM_END_M: f64 = 15.0;
 /// The field of `params`; a pure function of the lane and the field's seed.
 #[must_use]
 pub fn build(params: &Velasquez2022Params, job_seed: u64) -> Field {
-    let preset = preset(params.lane);
-    // Lanes of one kind differ, too.
-    let seed = params.seed.resolve(job_seed) ^ ((params.lane as u64) << 40) ^ (u64::from(params.draw) << 48);
+    let seed = seed_of(params, job_seed);
+    let preset = preset(params.lane, seed);
     let course = Course::new(&preset);
     let gaps_m = gaps(&preset, params.gap_factor, &mut Stream::new(seed, "field-gaps"));
     let right_row = preset.neighbours[0];
@@ -140,6 +139,11 @@ pub fn build(params: &Velasquez2022Params, job_seed: u64) -> Field {
     };
     field.start = start(&field, &mut Stream::new(seed, "field-start"));
     field
+}
+
+/// Where all of the lane is drawn from: lanes of one kind differ, too.
+fn seed_of(params: &Velasquez2022Params, job_seed: u64) -> u64 {
+    params.seed.resolve(job_seed) ^ ((params.lane as u64) << 40) ^ (u64::from(params.draw) << 48)
 }
 
 fn lay_rows(preset: &Preset, params: &Velasquez2022Params, seed: u64) -> Vec<Row> {
@@ -261,12 +265,35 @@ mod tests {
                 foliage.filter(|(part, at_m)| part.kind == kind && lane.gaps_m.iter().any(|gap| along(gap, **at_m)));
             near.count() as f64 / lane.gaps_m.len() as f64
         };
-        let (_, lane) = lane(&params(LaneName::Es2));
+        let like_lane_a = |lane: &Velasquez2022Params| {
+            preset(lane.lane, seed_of(lane, 1)).neighbours == [2, 2]
+                && preset(lane.lane, seed_of(lane, 1)).bare_share == [0.0, 0.0]
+        };
+        let seeds = (1..).map(|seed| Velasquez2022Params { seed: FieldSeed::Fixed(seed), ..params(LaneName::Es2) });
+        let (_, lane) = lane(&seeds.into_iter().find(like_lane_a).unwrap());
         // Six rows with 9.5 plants a metre, 0.25 m at both ends: 0.5 leaves a plant as everywhere, and two more.
         let leaves = of(&lane, FoliageKind::Leaf, [0.25, 0.25]);
         assert!((leaves / (6.0 * 9.5 * 0.5) - 2.5).abs() < 0.2, "{leaves}");
         let weeds = of(&lane, FoliageKind::Weed, [0.0, 0.0]);
         assert!((weeds - 2.0 * 0.5 * GAP_WEEDS_PER_M).abs() < 1.0, "{weeds} in 0.5 m");
+    }
+
+    #[test]
+    fn a_third_of_the_es_lanes_each_is_like_a_straight_an_internal_and_an_external_one() {
+        let mut kinds = [0; 3];
+        for seed in 1..=300 {
+            let lane = Velasquez2022Params { seed: FieldSeed::Fixed(seed), ..params(LaneName::Es1) };
+            let es = preset(LaneName::Es1, seed_of(&lane, 1));
+            let like = |other| {
+                let other = preset(other, 1);
+                (es.weeds_per_m, es.bare_share, es.neighbours)
+                    == (other.weeds_per_m, other.bare_share, other.neighbours)
+            };
+            let kind = [LaneName::A, LaneName::C, LaneName::E].into_iter().position(like);
+            kinds[kind.expect("it is like one of them")] += 1;
+            assert_eq!((es.length_m, es.row_spacing_m), (137.0, 0.75));
+        }
+        assert!(kinds.iter().all(|n| (75..=125).contains(n)), "{kinds:?}");
     }
 
     #[test]

@@ -4,6 +4,8 @@
 //! of the paper: the share of scans in which each row shows, and the spread of the lane's width. No algorithm was run
 //! to choose them.
 
+use furrow_navigation::random::Stream;
+
 use super::LaneName;
 
 /// Numbers of one lane. Pairs are right, left.
@@ -101,8 +103,18 @@ const EXTERNAL_BORDER: Preset = Preset {
 const TOPS_CUT: Preset =
     Preset { length_m: 90.0, row_spacing_m: 0.75, leaves_per_m: [0.3, 0.3], plant_height_m: 1.4, ..STRAIGHT };
 
-/// The numbers of a lane.
-pub(super) const fn preset(lane: LaneName) -> Preset {
+/// What grows in a lane of the fields that others drove in, weeks apart, in "diverse field conditions" (section 5): each is
+/// like one of the three kinds of lanes that were looked at, whichever `seed` draws.
+fn conditions(seed: u64) -> Preset {
+    match Stream::new(seed, "field-conditions").below(3) {
+        0 => STRAIGHT,
+        1 => INTERNAL_BORDER,
+        _ => EXTERNAL_BORDER,
+    }
+}
+
+/// The numbers of a lane, of which those of ES 1 and 2 depend on the seed.
+pub(super) fn preset(lane: LaneName, seed: u64) -> Preset {
     match lane {
         LaneName::A => STRAIGHT,
         LaneName::B => {
@@ -128,17 +140,15 @@ pub(super) const fn preset(lane: LaneName) -> Preset {
             length_m: 137.0,
             row_spacing_m: 0.75,
             gaps: Gaps::Regular { section_m: 5.0, gap_m: 1.0 },
-            leaves_per_m: [5.0, 5.0],
             gaps_everywhere: true,
-            ..STRAIGHT
+            ..conditions(seed)
         },
         LaneName::Es2 => Preset {
             length_m: 397.0,
             row_spacing_m: 0.8,
             gaps: Gaps::Regular { section_m: 4.8, gap_m: 0.5 },
-            leaves_per_m: [5.0, 5.0],
             gaps_everywhere: true,
-            ..STRAIGHT
+            ..conditions(seed)
         },
     }
 }
