@@ -1,9 +1,10 @@
-//! The private authority of a coordinator on a local network: it signs the certificates by which coordinator and
-//! workers know each other.
+//! The private authority of a coordinator on a local network: it signs the certificates by which coordinator,
+//! workers and routers between them know each other.
 //!
 //! Its key is made once and kept beside the database, so that workers which enrolled come back after a restart. The
 //! coordinator's own key lives no longer than its process. Every certificate says what its holder is, in the common
 //! name, which Zenoh's access control reads, and in the extended usage: a worker's cannot be a coordinator's.
+//! A router's can be both, towards either side.
 
 use std::fmt;
 use std::fs::{self, DirBuilder, File, OpenOptions};
@@ -24,8 +25,7 @@ pub const JOIN: &str = "furrow-join";
 pub const WORKER: &str = "furrow-worker";
 /// The common name of the certificate of a router between sites.
 pub const ROUTER: &str = "furrow-router";
-/// The common name of the coordinator's certificate.
-pub const COORDINATOR: &str = "furrow-coordinator";
+const COORDINATOR: &str = "furrow-coordinator";
 const AUTHORITY: &str = "furrow authority";
 
 /// Key and certificate, one behind the other.

@@ -209,7 +209,8 @@ impl<S> Board<S> {
         self.spool.is_none() && self.gathers(self.outbox.len())
     }
 
-    /// Whether the run that ended last has to be looked at: it is the first to be kept or reported, or the last to wait for.
+    /// Whether the run that ended last has to be looked at: it is the first to be kept or reported, or nothing is waited for,
+    /// since a lot is full, no run goes on, the board is closed, or a run was handed back.
     pub(crate) fn has_news(&self) -> bool {
         let (gathering, ended) = match &self.spool {
             Some(spool) => (self.gathers_for_spool() && self.outbox.is_empty(), spool.unkept.len()),

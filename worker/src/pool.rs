@@ -21,9 +21,9 @@ pub(crate) struct Shared<S> {
     board: Mutex<Board<S>>,
     /// Rings when there may be room for more jobs.
     pub(crate) room: Notify,
-    /// Rings when the outbox may have grown, or the board became idle.
+    /// Rings when a report may be due, or the board became idle.
     pub(crate) ended: Notify,
-    /// Rings when there may be something to spool, or the board became idle.
+    /// Rings when the spool may have something to do now, or the board became idle.
     pub(crate) spool: Notify,
 }
 

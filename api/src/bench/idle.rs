@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_without_a_queue_take_most_of_the_time() {
+    fn what_runs_lose_is_a_share() {
         let run = Duration::from_millis(1);
         let share = beside_runs(Idle { run }, 1, 20 * run);
         assert!((0.0..1.0).contains(&share), "{share}");

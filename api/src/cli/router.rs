@@ -58,7 +58,7 @@ pub(super) fn run(args: &RouterArgs) -> Result<(), CliError> {
     ];
     write_all(&args.to, &files)?;
     output::line(&format!(
-        "{} is for the router alone: whoever has its key reads and says what workers do",
+        "{} is for the router alone: whoever has its key reads and says what workers do, and can be the coordinator for them",
         args.to.display()
     ))
 }

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use furrow_schema::id::Credential;
 use furrow_schema::job::{RunRecord, Timings};
+use furrow_schema::join::JoinSecret;
 use furrow_schema::protocol::{
     Call, HeldJob, KEY_PREFIX, LeasedJob, Leases, Method, Recorded, Refusal, Renew, Renewed, Reply, Report, RunEnd,
     RunReport, Welcome,
@@ -287,10 +288,14 @@ async fn nobody_reports_renews_or_hands_back_what_another_holds() {
 async fn a_worker_hears_and_answers_nothing_that_is_not_for_it() {
     let directory = directory();
     let (server, secret) = lan(&directory).await;
-    let secret = secret_in(&secret);
+    a_spy_learns_nothing(&directory, &server, &secret_in(&secret)).await;
+}
+
+/// Of two workers that enrol with `secret`, one tries to be the coordinator, and to hear what is said to it and of others.
+pub(crate) async fn a_spy_learns_nothing(directory: &TempDir, server: &Server, secret: &JoinSecret) {
     let (honest, spy) = (
-        Machine::enrol(&secret, &place(&directory, "honest")).await,
-        Machine::enrol(&secret, &place(&directory, "spy")).await,
+        Machine::enrol(secret, &place(directory, "honest")).await,
+        Machine::enrol(secret, &place(directory, "spy")).await,
     );
     let (heard, hears) = std::sync::mpsc::channel();
     let own = format!("{KEY_PREFIX}/{}/{}", secret.namespace, secret.coordinator);

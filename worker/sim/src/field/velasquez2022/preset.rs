@@ -2,7 +2,7 @@
 //!
 //! Wander, leaves, weeds and sparseness are chosen per kind of lane so that what the LiDAR sees comes close to table 5
 //! of the paper: the share of scans in which each row shows, and the spread of the lane's width. No algorithm was run
-//! to choose them.
+//! to choose them. Of the ES lanes table 5 says nothing: what they are like was changed once after the system had driven there.
 
 use furrow_navigation::random::Stream;
 
@@ -103,7 +103,7 @@ const EXTERNAL_BORDER: Preset = Preset {
 const TOPS_CUT: Preset =
     Preset { length_m: 90.0, row_spacing_m: 0.75, leaves_per_m: [0.3, 0.3], plant_height_m: 1.4, ..STRAIGHT };
 
-/// What grows in a lane of the fields that others drove in, weeks apart, in "diverse field conditions" (section 5): each is
+/// Ground and growth of a lane in the fields that others drove in, for weeks, in "diverse field conditions" (section 5): each is
 /// like one of the three kinds of lanes that were looked at, whichever `seed` draws.
 fn conditions(seed: u64) -> Preset {
     match Stream::new(seed, "field-conditions").below(3) {
