@@ -1,6 +1,8 @@
 //! `furrow router`: what lets a Zenoh router stand between a coordinator and workers that cannot reach it.
 
+use std::fs::Permissions;
 use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -70,7 +72,8 @@ fn write_all(folder: &Path, files: &[(&str, &str)]) -> Result<(), CliError> {
         return Err(CliError::BadInput(format!("--to {}: is there already", folder.display())));
     }
     let place = folder.parent().filter(|place| !place.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let beside = tempfile::tempdir_in(place).map_err(CliError::bad_input(format_args!("--to {}", folder.display())))?;
+    let beside = tempfile::Builder::new().permissions(Permissions::from_mode(0o700)).tempdir_in(place);
+    let beside = beside.map_err(CliError::bad_input(format_args!("--to {}", folder.display())))?;
     for (name, text) in files {
         let mut file = join::new_file("--to", &beside.path().join(name))?;
         file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(CliError::failed(cannot()))?;
@@ -83,8 +86,6 @@ fn write_all(folder: &Path, files: &[(&str, &str)]) -> Result<(), CliError> {
 
 #[cfg(test)]
 mod tests {
-    use std::os::unix::fs::PermissionsExt;
-
     use super::*;
 
     fn args(db: &Path, to: &Path, names: &[&str]) -> RouterArgs {
