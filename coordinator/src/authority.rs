@@ -50,9 +50,9 @@ pub struct Authority {
 /// A certificate with its private key, both as PEM.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Signed {
-    /// What the authority signed.
+    /// What the authority signed (PEM).
     pub certificate_pem: String,
-    /// The secret that belongs to it.
+    /// The private key that belongs to it (PEM).
     pub key_pem: String,
     pub(crate) public_key: PublicKey,
 }
@@ -159,7 +159,7 @@ impl Authority {
         Ok(self.sign_new(&usable(of_coordinator, &[ExtendedKeyUsagePurpose::ServerAuth])))
     }
 
-    /// A fresh key and certificate for a router that workers reach under `names`, and that is let in until `until_ms`.
+    /// A fresh key and certificate for a router that workers reach under `names`, and that is let in until `until_ms` \[ms since 1970\].
     ///
     /// # Errors
     /// The name that is neither an address nor the name of a host.

@@ -43,9 +43,9 @@ impl Runner for Idle {
 
 /// Such runs one after another on each of `threads` threads, for about `time`, without a queue.
 ///
-/// Returns the share of that time that was not spent on runs: what the machine does beside them.
+/// Returns the share of that time, from 0 to 1, that was not spent on runs: what the machine does beside them.
 #[must_use]
-pub fn beside_runs(runs: Idle, threads: usize, time: Duration) -> f64 {
+pub fn share_lost(runs: Idle, threads: usize, time: Duration) -> f64 {
     let each = (time.as_nanos() / runs.run.as_nanos().max(1)).clamp(1, u128::from(u32::MAX)) as u32;
     let began = Instant::now();
     std::thread::scope(|scope| {
@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn what_runs_lose_is_a_share() {
         let run = Duration::from_millis(1);
-        let share = beside_runs(Idle { run }, 1, 20 * run);
+        let share = share_lost(Idle { run }, 1, 20 * run);
         assert!((0.0..1.0).contains(&share), "{share}");
     }
 

@@ -171,7 +171,7 @@ pub(super) async fn run(args: BenchArgs) -> Result<(), CliError> {
         What::QueueWorker(args) => work(args).await,
         What::QueueAlone(args) => {
             let runs = Idle { run: Duration::from_millis(args.job_ms) };
-            say(&idle::beside_runs(runs, args.threads, ALONE_FOR))
+            say(&idle::share_lost(runs, args.threads, ALONE_FOR))
         }
         What::Sessions(args) => sessions(&args).await,
         What::SessionsWorker(args) => {

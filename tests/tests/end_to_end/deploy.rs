@@ -227,25 +227,24 @@ fn the_router_s_configuration_is_zenoh_s() {
     assert_eq!(text("access_control/default_permission"), "\"deny\"");
 }
 
-/// The router of `deploy/` between a coordinator and its workers, on this machine; and where workers reach it.
-async fn router(directory: &tempfile::TempDir, db: &str, coordinator: &str) -> (zenoh::Session, String) {
-    let made = path(directory, "router");
-    let finished = finished(&["router", "--name", "127.0.0.1", "--to", &made, "--db", db]).await;
+/// A coordinator and the router of `deploy/` before it, on this machine; what workers join with, and where they reach the router.
+async fn behind_a_router(directory: &tempfile::TempDir) -> (Server, zenoh::Session, String, String) {
+    let (db, made) = (path(directory, "served.db"), path(directory, "router"));
+    let (server, secret) = serve_lan(&db).await;
+    let finished = finished(&["router", "--name", "127.0.0.1", "--to", &made, "--db", &db]).await;
     assert_eq!(finished.code, Some(0), "{finished:?}");
     let free = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let listen = format!("quic/{free}");
     let text = read("zenoh/router.json5").replace("/etc/zenohd/furrow", &made);
-    let text = text.replace("quic/0.0.0.0:7447", &listen).replace("quic/coordinator.example:7447", coordinator);
+    let text = text.replace("quic/0.0.0.0:7447", &listen).replace("quic/coordinator.example:7447", &server.endpoint);
     let router = zenoh::open(zenoh::Config::from_json5(&text).unwrap()).await.unwrap();
-    (router, listen)
+    (server, router, secret, listen)
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_worker_behind_the_router_enrols_works_and_is_missed() {
     let directory = directory();
-    let db = path(&directory, "served.db");
-    let (server, secret) = serve_lan(&db).await;
-    let (router, listen) = router(&directory, &db, &server.endpoint).await;
+    let (server, router, secret, listen) = behind_a_router(&directory).await;
     let work = ["work", "--join", &secret, "--connect", &listen, "--threads", "1", "--spool", &server.spool];
     let mut worker = Running::start(&work);
     let sweep = server.submit(&json!({"plan": plan(1.0, 1)})).await;
@@ -265,9 +264,7 @@ async fn a_worker_behind_the_router_enrols_works_and_is_missed() {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_router_keeps_out_whom_the_coordinator_would() {
     let directory = directory();
-    let db = path(&directory, "served.db");
-    let (server, secret) = serve_lan(&db).await;
-    let (router, listen) = router(&directory, &db, &server.endpoint).await;
+    let (server, router, secret, listen) = behind_a_router(&directory).await;
     let (secret, (_elsewhere, foreign)) = (secret_in(&secret), serve_lan(&path(&directory, "elsewhere.db")).await);
     let (authority, foreign) = (&secret.authority_pem, secret_in(&foreign));
     let here = JoinSecret { endpoints: vec![listen.clone()], ..secret.clone() };

@@ -18,7 +18,7 @@ use crate::server::Server;
 const LEAVES_WITHIN: Duration = Duration::from_secs(10);
 
 /// A worker process that joins with this file, or is in already.
-fn worker(server: &Server, secret: Option<&str>) -> Running {
+pub(crate) fn worker(server: &Server, secret: Option<&str>) -> Running {
     let mut args = vec!["work", "--threads", "1", "--spool", &server.spool];
     args.extend(secret.iter().flat_map(|file| ["--join", file]));
     Running::start(&args)

@@ -9,6 +9,7 @@ use tempfile::TempDir;
 use tokio::process::Command;
 use tokio::time::{interval, timeout};
 
+use crate::lan::worker as joining;
 use crate::machine::serve_lan;
 use crate::plan::{directory, path, plan};
 use crate::process::{self, Running};
@@ -75,7 +76,7 @@ impl Field {
 
     fn worker(&self) -> Running {
         let Some(secret) = &self.secret else { return self.server.worker() };
-        Running::start(&["work", "--join", secret, "--threads", "1", "--spool", &self.server.spool])
+        joining(&self.server, Some(secret))
     }
 
     /// Waits until the first row of `query` is there and as it should be.
