@@ -1,6 +1,8 @@
-//! What a person sees of each kind of lane in the LiDAR's scans, against table 5 of Velasquez et al. (2022): one test of
-//! rows, stems, leaves, weeds and tilted rays together. The robot is carried along the middle; no algorithm takes part.
+//! What a person sees of each kind of lane in the LiDAR's scans, against table 5 of Velasquez et al. (2022), and how leaves fill a
+//! lane, against real scans: tests of rows, stems, leaves, weeds and tilted rays together. The robot is carried along the
+//! middle; no algorithm takes part.
 
+use furrow_navigation::perception::Points;
 use furrow_navigation::random::Stream;
 
 use crate::field::velasquez2022::{LaneName, Velasquez2022Params};
@@ -60,4 +62,48 @@ fn lanes_look_to_the_lidar_as_the_paper_says() {
         ours.push((close, format!("{kind}: {here:.3?}, published {paper:?}")));
     }
     assert!(ours.iter().all(|(close, _)| *close), "{ours:#?}");
+}
+
+/// Cells of 20 x 30 mm with returns in them, per scan and at these distances inwards of the nearer row, 0.1 to 1.9 m ahead.
+fn cells(lane: LaneName, inwards_m: [[f64; 2]; 5]) -> [f64; 5] {
+    let params = Velasquez2022Params { lane, ..Default::default() };
+    let field = FieldSpec::Velasquez2022(params).build(1);
+    let lane = field.lane.as_ref().unwrap();
+    let mut lidar = TiltedLidar::new(&OnePlanarLidarParams::default());
+    let (mut noise, mut points) = (Stream::new(1, "lidar-front"), Points::default());
+    let (scans, mut counts) = (1000, [0.0; 5]);
+    for i in 0..scans {
+        let along_m = 0.5 + EVERY_M * f64::from(i);
+        let pose = lane.pose(&field, along_m);
+        let place = lane.place(&field, (pose, LIDAR_X_M), along_m);
+        let (scan, _) = lidar.scan((&field, lane), pose, along_m, lane.ground(along_m), &mut noise);
+        points.read_scan(&scan);
+        let cell = |size_m: f64, at_m: f64| (at_m / size_m).floor();
+        let mut seen: Vec<_> = points.iter().map(|(x, y)| [cell(0.03, x), cell(0.02, y)]).collect();
+        seen.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        seen.dedup();
+        let (sin, cos) = place.heading_rad.sin_cos();
+        for [x, y] in seen.into_iter().map(|[x, y]| [0.03 * (x + 0.5), 0.02 * (y + 0.5)]) {
+            let (x, y) = (cos * x - sin * y, sin * x + cos * y);
+            let inwards = if y > 0.0 { place.left_m - y } else { place.right_m + y };
+            if x > 0.1 && x < 1.9 {
+                let is_in = |[from, to]: &[f64; 2]| inwards >= *from && inwards < *to;
+                counts.iter_mut().zip(&inwards_m).for_each(|(n, band)| *n += f64::from(u8::from(is_in(band))));
+            }
+        }
+    }
+    counts.map(|n| n / f64::from(scans))
+}
+
+#[test]
+fn leaves_fill_the_lane_as_those_of_real_maize_do() {
+    let bands = [[0.05, 0.1], [0.1, 0.15], [0.15, 0.2], [0.2, 0.25], [0.25, 0.3]];
+    // The mean of 1,630 scans of a TerraSentia under maize (github.com/Felipe-Tommaselli/nn_lidar_perception).
+    let real = [25.1, 14.0, 8.3, 5.3, 3.4];
+    let ours = cells(LaneName::A, bands);
+    let share = |cells: &[f64; 5], band: usize| cells[band] / cells.iter().sum::<f64>();
+    for band in 0..5 {
+        let gap = share(&ours, band) - share(&real, band);
+        assert!(gap.abs() < 0.05 && (ours[band] / real[band] - 1.0).abs() < 0.3, "{ours:.1?}, real {real:?}");
+    }
 }

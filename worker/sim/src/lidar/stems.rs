@@ -166,7 +166,7 @@ fn is_near(a: Pose, b: Pose) -> bool {
 
 /// `value` between -0.5 and `n` - 0.5; the lower bound for what is not a number.
 #[inline]
-fn within(value: f32, n: f32) -> f32 {
+pub(super) fn within(value: f32, n: f32) -> f32 {
     let from_below = if value > -0.5 { value } else { -0.5 };
     if from_below < n - 0.5 { from_below } else { n - 0.5 }
 }
@@ -175,7 +175,7 @@ fn within(value: f32, n: f32) -> f32 {
 ///
 /// At 2^23 floats are integers: the sum rounds, and its low bits are the answer. Unlike a cast it vectorises.
 #[inline]
-fn rounded_up(value: f32) -> u32 {
+pub(super) fn rounded_up(value: f32) -> u32 {
     const TWO_23: f32 = 8_388_608.0;
     (value + 0.5 + TWO_23).to_bits() - TWO_23.to_bits()
 }

@@ -25,7 +25,7 @@ crate::parameters! {
         pub bin_m: f64 = 0.05, "m", [0.005, 0.5];
         /// A wall has at least so many points. Ours.
         pub min_points: u32 = 5, "1", [3, 10000];
-        /// Its points reach at least so far along the lane. Ours: farther than a leaf.
+        /// Its points reach at least so far along the lane. Ours: farther than a few leaves.
         pub min_length_m: f64 = 0.7, "m", [0.0, 10.0];
         /// Its points scatter about it at most so much: standard deviation. Ours: a uniform scatter over three bins has
         /// 0.043; stems that stand 0.02 off their row, seen with noise of 0.01, have 0.022, and a wandering row has more.
@@ -38,8 +38,9 @@ crate::parameters! {
         pub max_jump_m: f64 = 0.05, "m", [0.001, 5.0];
         /// And so much more for each second since then. Ours: the robot's speed.
         pub jump_growth_m_s: f64 = 0.7, "m/s", [0.0, 5.0];
-        /// After so long without a valid side, the prior heading and the last distances are not trusted. Ours.
-        pub forget_after_s: f64 = 0.5, "s", [0.0, 100000.0];
+        /// After so long without a valid side, the prior heading and the last distances are not trusted. Ours: at 1.5 rad/s the
+        /// robot then has turned so far that a wall of 1 m no longer fits into three bins.
+        pub forget_after_s: f64 = 0.1, "s", [0.0, 100000.0];
     }
 }
 

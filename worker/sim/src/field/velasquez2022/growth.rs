@@ -23,10 +23,14 @@ const FAILED_SHARE: f64 = 0.05;
 /// Ours, after section 6: hanging leaves at the lane's entrance block the scan.
 const EDGE_M: f64 = 0.25;
 const EDGE_LEAVES: f64 = 2.0;
-/// Length of the hanging part of a leaf, how high its lower edge hangs, and how far it reaches up from there \[m\]. Ours.
-const LEAF_LENGTH_M: [f64; 2] = [0.1, 0.6];
+/// A blade hangs so far from its stem, on average and at most \[m\], and a level plane cuts it on so much of its width. Ours, after
+/// scans of real maize: see docs/velasquez2022.md.
+const LEAF_REACH_M: f64 = 0.12;
+const LEAF_REACH_MAX_M: f64 = 0.6;
+const LEAF_WIDTH_M: [f64; 2] = [0.03, 0.2];
+/// How high its lower edge hangs, and how far it reaches up from there \[m\]. Ours.
 const LEAF_LOW_M: [f64; 2] = [0.0, 0.5];
-const LEAF_EXTENT_M: [f64; 2] = [0.03, 0.25];
+const LEAF_EXTENT_M: [f64; 2] = [0.1, 0.4];
 /// Length of a fallen stalk, and the height of its upper edge \[m\]. Ours.
 const STALK_LENGTH_M: [f64; 2] = [0.8, 1.8];
 const STALK_HIGH_M: [f64; 2] = [0.02, 0.4];
@@ -121,11 +125,15 @@ impl Sowing<'_> {
     }
 }
 
+/// A blade that hangs down: at one place from its stem, turned anyhow.
 fn leaf(plant: &Plant, random: &mut Stream) -> Foliage {
-    let (length_m, low_m) = (pick(LEAF_LENGTH_M, random), pick(LEAF_LOW_M, random));
-    let direction_rad = random.between(-PI, PI);
+    let reach_m = (-LEAF_REACH_M * libm::log(random.uniform())).min(LEAF_REACH_MAX_M);
+    let (bearing_rad, direction_rad) = (random.between(-PI, PI), random.between(-PI, PI));
+    let (width_m, low_m) = (pick(LEAF_WIDTH_M, random), pick(LEAF_LOW_M, random));
     let high_m = low_m + pick(LEAF_EXTENT_M, random);
-    ribbon([plant.x_m, plant.y_m], direction_rad, length_m, [low_m, high_m], FoliageKind::Leaf)
+    let middle = towards([plant.x_m, plant.y_m], bearing_rad, reach_m);
+    let from_m = towards(middle, direction_rad, -0.5 * width_m);
+    ribbon(from_m, direction_rad, width_m, [low_m, high_m], FoliageKind::Leaf)
 }
 
 /// Weeds in a stretch of the lane between `across_m`, on average `per_m` of them a metre \[1/m\].
@@ -154,8 +162,13 @@ pub(super) fn weeds(
 }
 
 fn ribbon(from_m: [f64; 2], direction_rad: f64, length_m: f64, height_m: [f64; 2], kind: FoliageKind) -> Foliage {
+    Foliage { from_m, to_m: towards(from_m, direction_rad, length_m), height_m, kind }
+}
+
+/// The point `by_m` from `from_m` in a direction from the x axis.
+fn towards(from_m: [f64; 2], direction_rad: f64, by_m: f64) -> [f64; 2] {
     let (sin, cos) = libm::sincos(direction_rad);
-    Foliage { from_m, to_m: [from_m[0] + length_m * cos, from_m[1] + length_m * sin], height_m, kind }
+    [from_m[0] + by_m * cos, from_m[1] + by_m * sin]
 }
 
 fn pick([low, high]: [f64; 2], random: &mut Stream) -> f64 {

@@ -64,7 +64,7 @@ const STRAIGHT: Preset = Preset {
     gaps: Gaps::None,
     gaps_everywhere: false,
     neighbours: [2, 2],
-    leaves_per_m: [2.0, 8.0],
+    leaves_per_m: [20.0, 55.0],
     stalks_per_m: [0.0, 0.0],
     weeds_per_m: [0.05, 0.05],
     tilt_rad: 0.02,
@@ -80,7 +80,7 @@ const INTERNAL_BORDER: Preset = Preset {
     wander_m: 0.027,
     bare_share: [0.15, 0.52],
     bare_mean_m: 1.2,
-    leaves_per_m: [4.0, 5.0],
+    leaves_per_m: [20.0, 24.0],
     stalks_per_m: [0.05, 0.1],
     weeds_per_m: [0.2, 0.2],
     ..STRAIGHT
@@ -92,7 +92,7 @@ const EXTERNAL_BORDER: Preset = Preset {
     row_spacing_m: 0.794,
     wander_m: 0.038,
     neighbours: [2, 0],
-    leaves_per_m: [3.0, 10.0],
+    leaves_per_m: [40.0, 50.0],
     stalks_per_m: [0.02, 0.02],
     weeds_per_m: [0.5, 12.0],
     tilt_rad: 0.03,
@@ -101,7 +101,7 @@ const EXTERNAL_BORDER: Preset = Preset {
 
 /// Tops cut and fewer leaves.
 const TOPS_CUT: Preset =
-    Preset { length_m: 90.0, row_spacing_m: 0.75, leaves_per_m: [0.3, 0.3], plant_height_m: 1.4, ..STRAIGHT };
+    Preset { length_m: 90.0, row_spacing_m: 0.75, leaves_per_m: [4.0, 4.0], plant_height_m: 1.4, ..STRAIGHT };
 
 /// Ground and growth of a lane in the fields that others drove in, for weeks, in "diverse field conditions" (section 5): each is
 /// like one of the three kinds of lanes that were looked at, whichever `seed` draws.
@@ -118,7 +118,7 @@ pub(super) fn preset(lane: LaneName, seed: u64) -> Preset {
     match lane {
         LaneName::A => STRAIGHT,
         LaneName::B => {
-            Preset { row_spacing_m: 0.731, wander_m: 0.038, gaps: Gaps::Drawn, leaves_per_m: [8.0, 5.0], ..STRAIGHT }
+            Preset { row_spacing_m: 0.731, wander_m: 0.038, gaps: Gaps::Drawn, leaves_per_m: [52.0, 40.0], ..STRAIGHT }
         }
         LaneName::C | LaneName::D => INTERNAL_BORDER,
         LaneName::E | LaneName::F => EXTERNAL_BORDER,
@@ -129,7 +129,7 @@ pub(super) fn preset(lane: LaneName, seed: u64) -> Preset {
             row_spacing_m: 0.789,
             wander_m: 0.045,
             scatter_m: 0.025,
-            leaves_per_m: [18.0, 4.0],
+            leaves_per_m: [82.0, 36.0],
             stalks_per_m: [0.4, 0.2],
             weeds_per_m: [0.3, 0.3],
             tilt_rad: 0.035,
