@@ -1,7 +1,9 @@
 //! A crown and a pole against rays.
 
+use std::f32::consts::FRAC_PI_2;
+
 use super::leaves::Leaves;
-use super::window::{Grid, View, Window};
+use super::window::{ALL, Grid, View, Window};
 use crate::field::vintu2018::{Pole, Shape};
 
 /// The window of a pole allows for so many times its radius: it may be nearer between its ends than at these.
@@ -71,7 +73,9 @@ impl Stem {
         Self(pole)
     }
 
-    /// Which rays can meet it: those between the bearings of its ends, and as much beside them as it is thick.
+    /// Which rays can meet it: those between the bearings of its ends, and as much beside them as it is thick. Between ends at
+    /// azimuths that far apart a straight line rises above both and falls below both by less than half of that; over more
+    /// than a quarter of a turn it may pass on either side.
     pub(super) fn window(&self, view: &View, grid: &Grid) -> Option<Window> {
         let Pole { x_m, y_m, radius_m, foot_z_m, top_z_m } = self.0;
         let (middle_z_m, half_m) = (0.5 * (foot_z_m + top_z_m), 0.5 * (top_z_m - foot_z_m).max(0.0));
@@ -81,7 +85,12 @@ impl Stem {
             let [a, b] = ends.map(|end| end[axis]);
             [a[0].min(b[0]), a[1].max(b[1])]
         };
-        grid.window(hull(0), hull(1))
+        let (azimuth, [low, high]) = (hull(0), hull(1));
+        let turn = azimuth[1] - azimuth[0];
+        if turn > FRAC_PI_2 {
+            return grid.window(ALL, ALL);
+        }
+        grid.window(azimuth, [low - 0.5 * turn, high + 0.5 * turn])
     }
 
     /// Where a ray meets it from outside within `from` and `to`; infinity where it does not.

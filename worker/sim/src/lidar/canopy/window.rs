@@ -9,7 +9,7 @@ use crate::lidar::stems::approximate_atan2;
 /// Part of a cell that is above the error of a bearing.
 const GUARD_CELLS: f32 = 0.01;
 /// All bearings.
-const ALL: [f32; 2] = [-PI, PI];
+pub(super) const ALL: [f32; 2] = [-PI, PI];
 
 /// The rays by cell: columns at equal angles from left to right, rows from above to below.
 #[derive(Debug, Clone, PartialEq)]
