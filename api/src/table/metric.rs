@@ -51,9 +51,9 @@ impl Metric {
         Self { name, title, unit, ratio: true, timing: false, decimals: 2, of_sums: None }
     }
 
-    const fn timing(name: &'static str, title: &'static str) -> Self {
+    const fn timing(name: &'static str, title: &'static str, decimals: u8) -> Self {
         let (name, title, unit) = (Cow::Borrowed(name), Cow::Borrowed(title), Cow::Borrowed("ms"));
-        Self { name, title, unit, ratio: false, timing: true, decimals: 3, of_sums: None }
+        Self { name, title, unit, ratio: false, timing: true, decimals, of_sums: None }
     }
 
     const fn of_sums(name: &'static str, title: &'static str, unit: &'static str, decimals: u8, of: OfSums) -> Self {
@@ -156,17 +156,17 @@ static METRICS: [Metric; 66] = [
     Metric::new("damaged_plants", "plants damaged", "plants", 1),
     Metric::new("passable_lanes_percent", "lanes passable", "%", 1),
     Metric::ratio("passable_field", "share of fields wholly passable"),
-    Metric::timing("line_finding_time_ms", "line finding time"),
-    Metric::timing("line_finding_time_per_100_points_ms", "line finding time per 100 points"),
-    Metric::timing("lane_finding_time_ms", "lane finding time"),
-    Metric::timing("lane_estimation_time_ms", "lane estimation time"),
-    Metric::timing("control_time_ms", "control time"),
-    Metric::timing("filtering_time_ms", "outlier removal time"),
-    Metric::timing("ground_detection_time_ms", "ground detection time"),
-    Metric::timing("row_detection_time_ms", "row detection time"),
-    Metric::timing("localization_time_ms", "localization time"),
-    Metric::timing("computation_time_ms", "computation time"),
-    Metric::timing("ray_casting_time_ms", "ray casting time"),
+    Metric::timing("line_finding_time_ms", "line finding time", 3),
+    Metric::timing("line_finding_time_per_100_points_ms", "line finding time per 100 points", 3),
+    Metric::timing("lane_finding_time_ms", "lane finding time", 4),
+    Metric::timing("lane_estimation_time_ms", "lane estimation time", 5),
+    Metric::timing("control_time_ms", "control time", 5),
+    Metric::timing("filtering_time_ms", "outlier removal time", 3),
+    Metric::timing("ground_detection_time_ms", "ground detection time", 3),
+    Metric::timing("row_detection_time_ms", "row detection time", 3),
+    Metric::timing("localization_time_ms", "localization time", 3),
+    Metric::timing("computation_time_ms", "computation time", 3),
+    Metric::timing("ray_casting_time_ms", "ray casting time", 3),
 ];
 
 /// The metric of this name. One that has no place in the list is described by its name alone.

@@ -271,7 +271,7 @@ fn draw_key(svg: &mut String, y: f64) {
             format_args!("<rect x=\"{x:.3}\" y=\"{:.3}\" width=\"0.2\" height=\"0.2\" fill=\"{colour}\"/>", y - 0.18),
         );
         write_text(svg, (x + 0.28, y), "start", word);
-        x += 0.42 + 0.105 * word.len() as f64;
+        x += 0.5 + 0.14 * word.len() as f64;
     }
 }
 

@@ -1,7 +1,7 @@
 //! What makes each lane. "Paper" is Velasquez et al. (2022), section 5; all else is ours.
 //!
-//! Wander, leaves, weeds and sparseness are chosen per kind of lane so that what the LiDAR sees comes close to table 5
-//! of the paper: the share of scans in which each row shows, and the spread of the lane's width. No algorithm was run
+//! Wander, sparseness and the numbers of leaves and weeds are chosen per kind of lane so that what the LiDAR sees comes close to
+//! table 5 of the paper: the share of scans in which each row shows, and the spread of the lane's width. No algorithm was run
 //! to choose them. Of the ES lanes table 5 says nothing: what they are like was changed once after the system had driven there.
 
 use furrow_navigation::random::Stream;
