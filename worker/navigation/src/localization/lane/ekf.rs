@@ -22,6 +22,9 @@ crate::parameters! {
         pub distance_noise_m2: f64 = 0.05, "m^2", [1e-9, 100.0];
         /// Variance of a measured heading. Paper: 0.5.
         pub heading_noise_rad2: f64 = 0.5, "rad^2", [1e-9, 100.0];
+        /// A view whose innovation, squared and normalised (chi-square, 3 degrees of freedom), exceeds this is not taken in; 0 takes
+        /// all. Paper: all.
+        pub gate: f64 = 0.0, "1", [0.0, 1e6];
     }
 }
 
@@ -36,6 +39,7 @@ pub struct Ekf {
     process: State,
     /// Diagonal of R.
     noise: State,
+    gate: f64,
     state: State,
     covariance: Matrix,
 }
@@ -47,7 +51,7 @@ impl Ekf {
         let process = [params.distance_process_m2, params.distance_process_m2, params.heading_process_rad2];
         let noise = [params.distance_noise_m2, params.distance_noise_m2, params.heading_noise_rad2];
         let state = [start.left_m, start.right_m, start.heading_rad];
-        Self { process, noise, state, covariance: diagonal(noise) }
+        Self { process, noise, gate: params.gate, state, covariance: diagonal(noise) }
     }
 
     /// Takes in a measured state; returns the innovation's square, normalised by its covariance (chi-square, 3).
@@ -88,7 +92,10 @@ impl LaneEstimator for Ekf {
     fn correct(&mut self, _points: &Points, view: LaneView, _random: &mut Stream) {
         let measured = [view.left.distance_m, view.right.distance_m, view.heading_rad];
         if measured.iter().all(|value| value.is_finite()) {
-            self.measure(measured);
+            let (state, covariance) = (self.state, self.covariance);
+            if self.measure(measured) > self.gate && self.gate > 0.0 {
+                (self.state, self.covariance) = (state, covariance);
+            }
         }
     }
 
@@ -125,6 +132,7 @@ fn wrap(angle_rad: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::perception::lane::Side;
     use proptest::prelude::*;
 
     fn ekf() -> Ekf {
@@ -216,6 +224,29 @@ mod tests {
         // The sum of n squares, chi-square with 3 degrees each: mean 3 n, variance 6 n; within three deviations.
         let n = f64::from(steps) * runs as f64;
         assert!((sum - 3.0 * n).abs() < 3.0 * (6.0 * n).sqrt(), "{} instead of 3", sum / n);
+    }
+
+    #[test]
+    fn a_gate_keeps_out_what_can_hardly_be_and_lets_in_what_can() {
+        let params =
+            EkfParams { distance_noise_m2: 0.0036, heading_noise_rad2: 0.0049, gate: 11.3, ..Default::default() };
+        let view = |left_m: f64, right_m: f64, heading_rad: f64| {
+            let side = |distance_m| Side { distance_m, valid: true };
+            LaneView { left: side(left_m), right: side(right_m), heading_rad, heading_valid: true }
+        };
+        let moves = |params: &EkfParams, view: LaneView| {
+            let mut ekf = Ekf::new(params, LaneEstimate::middle(0.75));
+            let before = (ekf.state, ekf.covariance);
+            ekf.correct(&Points::default(), view, &mut Stream::new(1, "test"));
+            before != (ekf.state, ekf.covariance)
+        };
+        // Variances of 0.0072 and 0.0098 rad^2: 3 deviations to one side are 9, and 4 are 16.
+        assert!(moves(&params, view(0.375 + 0.25, 0.375, 0.0)) && !moves(&params, view(0.375 + 0.34, 0.375, 0.0)));
+        assert!(moves(&params, view(0.375, 0.375, 0.3)) && !moves(&params, view(0.375, 0.375, 0.4)));
+        // Two and a half of one and of the other are 12.5.
+        assert!(!moves(&params, view(0.375 + 0.212, 0.375, 0.2475)));
+        // The published filter takes the next lane for a measurement, too.
+        assert!(moves(&EkfParams::default(), view(1.125, -0.375, 0.0)));
     }
 
     #[test]

@@ -27,9 +27,9 @@ crate::parameters! {
         /// Time over which the width keeps its deviation. Ours.
         pub width_time_s: f64 = 4.0, "s", [0.01, 1000.0];
         /// The offset's random walk, over one second: side-slip. Ours.
-        pub offset_noise_m: f64 = 0.05, "m", [0.0, 5.0];
+        pub offset_noise_m: f64 = 0.02, "m", [0.0, 5.0];
         /// The heading's, over one second. Ours.
-        pub heading_noise_rad: f64 = 0.15, "rad", [0.0, 5.0];
+        pub heading_noise_rad: f64 = 0.05, "rad", [0.0, 5.0];
         /// Points count from this far ahead. Ours.
         pub front_min_m: f64 = -0.3, "m", [-10.0, 10.0];
         /// Points count up to this far ahead. Ours.
@@ -39,18 +39,23 @@ crate::parameters! {
         /// Standard deviation of a row's points about it. Ours.
         pub row_sd_m: f64 = 0.05, "m", [0.005, 0.5];
         /// Standard deviations beyond a row at which a point is as likely another thing's. Ours.
-        pub cut_off: f64 = 2.0, "1", [0.1, 10.0];
+        pub cut_off: f64 = 1.5, "1", [0.1, 10.0];
         /// Likewise, inside the lane. Ours.
-        pub cut_off_inside: f64 = 3.0, "1", [0.1, 10.0];
+        pub cut_off_inside: f64 = 2.0, "1", [0.1, 10.0];
         /// How much of its information a point counts, for neighbours are not independent. Ours.
         pub point_weight: f64 = 0.3, "1", [0.001, 1.0];
+        /// Way ahead after which a scan shows other leaves and stems, and counts in full; sooner it counts in proportion, but
+        /// at least a tenth. Ours.
+        pub fresh_view_m: f64 = 0.2, "m", [0.001, 10.0];
         /// Of the particles that are drawn anew, this share is drawn as at the start. Ours.
-        pub fresh_share: f64 = 0.02, "1", [0.0, 1.0];
+        pub fresh_share: f64 = 0.01, "1", [0.0, 1.0];
     }
 }
 
 /// No particle is turned more from the lane \[rad\].
 const STEEPEST_RAD: f64 = 1.2;
+/// A scan from the same place as the last counts so much.
+const LEAST_SHARE: f64 = 0.1;
 
 /// One guess.
 #[derive(Debug, Clone, Copy, Default)]
@@ -74,8 +79,9 @@ pub struct ParticleFilter {
     estimate: LaneEstimate,
     /// Where to start; drawn with the first scan.
     start: Option<LaneEstimate>,
-    /// Time since the last scan \[s\].
+    /// Time since the last scan \[s\], and the way \[m\].
     blind_s: f64,
+    moved_m: f64,
 }
 
 impl ParticleFilter {
@@ -94,6 +100,7 @@ impl ParticleFilter {
             estimate: start,
             start: Some(start),
             blind_s: 0.0,
+            moved_m: 0.0,
         }
     }
 
@@ -141,10 +148,11 @@ impl ParticleFilter {
         self.blind_s = 0.0;
     }
 
-    fn weigh(&mut self) {
+    /// Weighs the particles by a scan that counts `share` of what one would that shows all anew.
+    fn weigh(&mut self, share: f64) {
         let mut best = f64::NEG_INFINITY;
         for (particle, weight) in self.particles.iter().zip(&mut self.weights) {
-            *weight = libm::log(*weight) + self.field.log_likelihood(*particle);
+            *weight = libm::log(*weight) + share * self.field.log_likelihood(*particle);
             best = best.max(*weight);
         }
         let mut sum = 0.0;
@@ -211,12 +219,16 @@ impl LaneEstimator for ParticleFilter {
         self.estimate = place(mean);
         self.start = self.start.map(|_| place(mean));
         self.blind_s += dt_s;
+        self.moved_m += ahead_m.abs();
     }
 
     fn correct(&mut self, points: &Points, _view: LaneView, random: &mut Stream) {
+        let is_first = self.start.is_some();
         self.spread(random);
         self.field.take(points);
-        self.weigh();
+        let share = if is_first { 1.0 } else { (self.moved_m / self.params.fresh_view_m).clamp(LEAST_SHARE, 1.0) };
+        self.moved_m = 0.0;
+        self.weigh(share);
         self.estimate = self.mean();
         self.resample(random);
     }
@@ -228,7 +240,7 @@ impl LaneEstimator for ParticleFilter {
     fn restart(&mut self, start: LaneEstimate) {
         self.estimate = start;
         self.start = Some(start);
-        self.blind_s = 0.0;
+        (self.blind_s, self.moved_m) = (0.0, 0.0);
     }
 }
 
@@ -300,6 +312,23 @@ mod tests {
         filter.predict(Twist { linear_m_s: 0.7, angular_rad_s: 0.4 }, 0.1);
         assert!((filter.estimate().cross_track_m() - 0.07 * libm::sin(0.22)).abs() < 1e-12);
         assert!((filter.estimate().heading_rad - 0.24).abs() < 1e-12);
+    }
+
+    #[test]
+    fn scans_of_a_robot_that_hardly_moves_count_less_than_those_of_one_that_drives() {
+        // What one more scan of a robot to the left of the middle teaches a filter that takes it to be on it.
+        let learns = |moved_m: f64| {
+            let params = ParticleFilterParams { particles: 20_000, offset_noise_m: 0.0, ..Default::default() };
+            let mut filter = filter(&params);
+            let mut random = Stream::new(1, "localization");
+            filter.correct(&Points::default(), SEE_NOTHING, &mut random);
+            filter.predict(Twist { linear_m_s: 10.0 * moved_m, angular_rad_s: 0.0 }, 0.1);
+            filter.correct(&Scene::new(at(0.1, 0.0, WIDTH_M), 0.0).scan(&mut random), SEE_NOTHING, &mut random);
+            filter.estimate().cross_track_m()
+        };
+        let [still, slowly, far, farther] = [0.0, 0.05, 0.2, 0.4].map(learns);
+        assert!(0.0 < still && still < slowly && slowly < far, "{still} {slowly} {far}");
+        assert!((far - farther).abs() < 0.01, "{far} {farther}");
     }
 
     #[test]

@@ -95,8 +95,8 @@ mod tests {
     #[test]
     fn far_points_cost_a_fixed_amount_and_more_inside_the_lane() {
         let worth = |y: f64| field(&[(1.0, y)]).log_likelihood(at(0.0, 0.0));
-        assert!((worth(0.6) - worth(0.9)).abs() < 1e-12 && (worth(0.6) + 0.5 * 0.3 * 4.0).abs() < 1e-12);
-        assert!((worth(0.0) + 0.5 * 0.3 * 9.0).abs() < 1e-12);
+        assert!((worth(0.6) - worth(0.9)).abs() < 1e-12 && (worth(0.6) + 0.5 * 0.3 * 2.25).abs() < 1e-12);
+        assert!((worth(0.0) + 0.5 * 0.3 * 4.0).abs() < 1e-12);
     }
 
     #[test]
