@@ -61,7 +61,7 @@ pub struct Lane {
     pub terrain: Vec<Ground>,
     /// Place along the lane of each of the field's plants, ascending \[m\].
     pub plants_along_m: Vec<f64>,
-    /// Likewise of each piece of foliage, its `from_m`.
+    /// Likewise of each piece of foliage, or of the plant it hangs from.
     pub foliage_along_m: Vec<f64>,
 }
 

@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use super::stems::{approximate_atan2, rounded_up, within};
+use super::stems::{GUARD_RAD, approximate_atan2, rounded_up, within};
 use crate::Pose;
 use crate::field::lane::Foliage;
 use furrow_navigation::perception::Beams;
@@ -16,9 +16,9 @@ use furrow_navigation::perception::Beams;
 const MARGIN_M: f64 = 0.3;
 const MARGIN_RAD: f64 = 0.15;
 const MARGIN_TILT: f64 = 0.02;
-/// Above the error of places within 20 m in single precision \[m\].
+/// Above the error of places within reach in single precision \[m\].
 const GUARD_M: f32 = 1e-4;
-/// Beams tried beside those that the approximate bearings give.
+/// Beams tried beside those that the approximate bearings and their guard give.
 const SPARE_BEAMS: f32 = 1.0;
 /// Of so many beams together the farthest range is kept.
 const BLOCK: usize = 16;
@@ -30,7 +30,7 @@ pub(super) struct Ribbons {
     gathered: Option<Gathered>,
     /// In the world's frame, the nearest first.
     near: Vec<Foliage>,
-    /// Distances from where they were gathered, in order, and places in the whole: for the order.
+    /// Squared distances of their nearer ends where they were gathered, in order, and places in the whole: for the order.
     order: Vec<(f32, u32)>,
     outlines: Outlines,
     /// The farthest range of each block of beams \[m\].
@@ -56,9 +56,9 @@ struct Outlines {
     height_m: [Vec<f32>; 2],
     /// Below the distance of any of its points \[m\]; infinite for one that no beam can meet.
     nearest_m: Vec<f32>,
-    /// First and end of the beams between its ends' bearings.
+    /// First and end of the beams that can meet it.
     window: [Vec<u32>; 2],
-    /// Whether it crosses the line behind the LiDAR: then all other beams, and those at the window's edges.
+    /// Whether it crosses the line behind the LiDAR: then the beams from the first on, and those up to the end.
     is_behind: Vec<bool>,
 }
 
@@ -123,7 +123,10 @@ impl Ribbons {
             let rises_m = steepest * (a.max(b).sqrt() + MARGIN_M);
             let [low_m, high_m] = ribbon.height_m;
             let can_meet = (low_m <= plane.height_m + rises_m) & (high_m >= plane.height_m - rises_m);
-            if can_meet & (a.min(b) <= reach_m * reach_m) && !ends.iter().all(|end| blind.holds(*end)) {
+            let length_m = libm::hypot(ends[1].0 - ends[0].0, ends[1].1 - ends[0].1);
+            // No point of it is nearer than that: half of the way to both ends, less the way between them.
+            let nearest_m = 0.5 * (a.sqrt() + b.sqrt() - length_m);
+            if can_meet & (nearest_m <= reach_m) && !ends.iter().all(|end| blind.holds(*end)) {
                 self.order.push((a.min(b) as f32, i));
             }
         }
@@ -195,6 +198,7 @@ impl Outlines {
         let (height_m, steepest) = (plane.height_m as f32, plane.steepest as f32);
         let (range_max_m, n_beams) = (range_max_m as f32, beams.len() as f32);
         let (first_rad, beams_per_rad) = (beams.angle_min_rad as f32, beams.angle_increment_rad.recip() as f32);
+        let spare = SPARE_BEAMS + GUARD_RAD * beams_per_rad;
         let n = self.nearest_m.len();
         let [middle_x, middle_y] = self.middle_m.each_ref().map(|values| &values[..n]);
         let [half_x, half_y] = self.half_m.each_ref().map(|values| &values[..n]);
@@ -213,9 +217,11 @@ impl Outlines {
             nearest[i] = if can_meet { nearest_m } else { f32::INFINITY };
             let (a, b) = (approximate_atan2(y - hy, x - hx), approximate_atan2(y + hy, x + hx));
             let (least, most) = (if a < b { a } else { b }, if a < b { b } else { a });
-            is_behind[i] = most - least > std::f32::consts::PI;
-            first[i] = rounded_up(within((least - first_rad) * beams_per_rad - SPARE_BEAMS, n_beams));
-            end[i] = rounded_up(within((most - first_rad) * beams_per_rad + SPARE_BEAMS, n_beams));
+            let behind = most - least > std::f32::consts::PI;
+            let (from, to) = if behind { (most, least) } else { (least, most) };
+            is_behind[i] = behind;
+            first[i] = rounded_up(within((from - first_rad) * beams_per_rad - spare, n_beams));
+            end[i] = rounded_up(within((to - first_rad) * beams_per_rad + spare, n_beams));
         }
     }
 
@@ -225,13 +231,7 @@ impl Outlines {
             return [0..0, 0..0];
         }
         let [first, end] = self.window.each_ref().map(|values| values[i] as usize);
-        // The window's edges are spare beams on both sides of the ends.
-        let wider = 2 * SPARE_BEAMS as usize + 1;
-        if self.is_behind[i] {
-            [0..(first + wider).min(beams), end.saturating_sub(wider)..beams]
-        } else {
-            [first..end, 0..0]
-        }
+        if self.is_behind[i] { [0..end, first..beams] } else { [first..end, 0..0] }
     }
 }
 
@@ -343,14 +343,14 @@ mod tests {
             ends in proptest::collection::vec((-3.0..3.0_f64, -3.0..3.0_f64, -1.0..1.0_f64, -1.0..1.0_f64), 1..60),
             edges in proptest::collection::vec((0.0..0.5_f64, 0.0..0.4_f64), 60),
             met_m in proptest::collection::vec(0.5..9.0_f64, 1081),
-            (fov_rad, heading_rad) in (1.0..6.2_f64, -3.0..3.0_f64),
+            (fov_rad, heading_rad, range_max_m) in (1.0..6.2_f64, -3.0..3.0_f64, 0.3..10.0_f64),
             moves in proptest::collection::vec((-0.2..0.2_f64, -0.2..0.2_f64, -0.1..0.1_f64, 0.0..0.1_f64), 1..4),
         ) {
             let beams = Beams::new(1081, fov_rad);
             let ends = ends.iter().zip(&edges);
             let foliage: Vec<_> =
                 ends.map(|((x, y, dx, dy), (low, up))| leaf([*x, *y], [x + dx, y + dy], [*low, low + up])).collect();
-            let mut ribbons = Ribbons::new([0.06, 10.0]);
+            let mut ribbons = Ribbons::new([0.06, range_max_m]);
             let mut pose = Pose { x_m: 0.2, y_m: -0.1, heading_rad };
             for (dx, dy, turn_rad, steepest) in moves {
                 pose = Pose { x_m: pose.x_m + dx, y_m: pose.y_m + dy, heading_rad: pose.heading_rad + turn_rad };
@@ -364,6 +364,8 @@ mod tests {
                     shape.meet(&plane, &beams, &mut all, 0..1081);
                 }
                 ribbons.cut(&foliage, pose, &plane, &beams, &mut some);
+                // A beam that goes farther has no return.
+                some.iter_mut().chain(&mut all).for_each(|range_m| *range_m = range_m.min(range_max_m));
                 prop_assert_eq!(some, all);
             }
         }

@@ -14,7 +14,7 @@ const MARGIN_M: f64 = 0.15;
 /// See [`MARGIN_M`].
 const MARGIN_RAD: f64 = 0.1;
 /// Above the error of a bearing \[rad\]: 1.2e-5 of the polynomial, and a few roundings to 2^-24 of at most pi.
-const GUARD_RAD: f32 = 3e-5;
+pub(super) const GUARD_RAD: f32 = 3e-5;
 
 /// The stems within reach.
 #[derive(Debug, Clone)]

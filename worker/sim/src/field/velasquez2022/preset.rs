@@ -25,7 +25,7 @@ pub(super) struct Preset {
     pub gaps_everywhere: bool,
     /// Rows beyond those of the lane.
     pub neighbours: [usize; 2],
-    /// Hanging leaves per metre of row, within half a metre above the ground.
+    /// Hanging leaves per metre of row, with their lower edge within half a metre above the ground.
     pub leaves_per_m: [f64; 2],
     /// Fallen stalks per metre of row.
     pub stalks_per_m: [f64; 2],
