@@ -2,9 +2,10 @@
 //! lane, against real scans: tests of rows, stems, leaves, weeds and tilted rays together. The robot is carried along the
 //! middle; no algorithm takes part.
 
-use furrow_navigation::perception::Points;
+use furrow_navigation::perception::{Points, Scan};
 use furrow_navigation::random::Stream;
 
+use crate::field::lane::Place;
 use crate::field::velasquez2022::{LaneName, Velasquez2022Params};
 use crate::field::{FieldSeed, FieldSpec};
 use crate::lidar::{OnePlanarLidarParams, TiltedLidar};
@@ -16,27 +17,33 @@ const LANES: u64 = 4;
 const EVERY_M: f64 = 0.175;
 const LIDAR_X_M: f64 = 0.24;
 
+/// Shows what the LiDAR sees, carried along the middle of a drawn lane: each scan, which of its returns are stems, and its place.
+fn carry(lane: LaneName, seed: u64, mut see: impl FnMut(&Scan<'_>, &[bool], Place)) {
+    let params = Velasquez2022Params { lane, seed: FieldSeed::Fixed(seed), ..Default::default() };
+    let field = FieldSpec::Velasquez2022(params).build(1);
+    let lane = field.lane.as_ref().unwrap();
+    let mut lidar = TiltedLidar::new(&OnePlanarLidarParams::default());
+    let mut noise = Stream::new(seed, "lidar-front");
+    for i in 0..(lane.length_m / EVERY_M) as u32 - 10 {
+        let along_m = 0.5 + EVERY_M * f64::from(i);
+        let pose = lane.pose(&field, along_m);
+        let (scan, from_stem) = lidar.scan((&field, lane), pose, along_m, lane.ground(along_m), &mut noise);
+        see(&scan, from_stem, lane.place(&field, (pose, LIDAR_X_M), along_m));
+    }
+}
+
 /// Share of scans in which the left and the right row show [%], mean and standard deviation of the lane's width \[m\].
 fn view(lanes: &[LaneName]) -> [f64; 4] {
     let (mut scans, mut valid, mut widths) = (0.0, [0.0; 2], Vec::new());
     for (lane, seed) in lanes.iter().flat_map(|lane| (1..=LANES).map(move |seed| (*lane, seed))) {
-        let params = Velasquez2022Params { lane, seed: FieldSeed::Fixed(seed), ..Default::default() };
-        let field = FieldSpec::Velasquez2022(params).build(1);
-        let lane = field.lane.as_ref().unwrap();
-        let mut lidar = TiltedLidar::new(&OnePlanarLidarParams::default());
-        let mut noise = Stream::new(seed, "lidar-front");
-        for i in 0..(lane.length_m / EVERY_M) as u32 - 10 {
-            let along_m = 0.5 + EVERY_M * f64::from(i);
-            let pose = lane.pose(&field, along_m);
-            let heading_rad = lane.place(&field, (pose, LIDAR_X_M), along_m).heading_rad;
-            let (scan, from_stem) = lidar.scan((&field, lane), pose, along_m, lane.ground(along_m), &mut noise);
-            let sides = label(&scan, from_stem, heading_rad, 5);
+        carry(lane, seed, |scan, from_stem, place| {
+            let sides = label(scan, from_stem, place.heading_rad, 5);
             scans += 1.0;
             valid.iter_mut().zip(sides).for_each(|(valid, side)| *valid += f64::from(u8::from(side.is_some())));
             if let [Some(left_m), Some(right_m)] = sides {
                 widths.push(left_m + right_m);
             }
-        }
+        });
     }
     let n = widths.len() as f64;
     let mean = widths.iter().sum::<f64>() / n;
@@ -64,25 +71,17 @@ fn lanes_look_to_the_lidar_as_the_paper_says() {
     assert!(ours.iter().all(|(close, _)| *close), "{ours:#?}");
 }
 
-/// Cells of 20 x 30 mm with returns in them, per scan and at these distances inwards of the nearer row, 0.1 to 1.9 m ahead.
+/// Cells of 20 x 30 mm with returns in them, per scan and at these distances inwards of the nearer row \[m\], 0.1 to 1.9 m ahead.
 fn cells(lane: LaneName, inwards_m: [[f64; 2]; 5]) -> [f64; 5] {
-    let params = Velasquez2022Params { lane, ..Default::default() };
-    let field = FieldSpec::Velasquez2022(params).build(1);
-    let lane = field.lane.as_ref().unwrap();
-    let mut lidar = TiltedLidar::new(&OnePlanarLidarParams::default());
-    let (mut noise, mut points) = (Stream::new(1, "lidar-front"), Points::default());
-    let (scans, mut counts) = (1000, [0.0; 5]);
-    for i in 0..scans {
-        let along_m = 0.5 + EVERY_M * f64::from(i);
-        let pose = lane.pose(&field, along_m);
-        let place = lane.place(&field, (pose, LIDAR_X_M), along_m);
-        let (scan, _) = lidar.scan((&field, lane), pose, along_m, lane.ground(along_m), &mut noise);
-        points.read_scan(&scan);
+    let (mut points, mut scans, mut counts) = (Points::default(), 0.0, [0.0; 5]);
+    carry(lane, 1, |scan, _, place| {
+        scans += 1.0;
+        points.read_scan(scan);
         let cell = |size_m: f64, at_m: f64| (at_m / size_m).floor();
         let mut seen: Vec<_> = points.iter().map(|(x, y)| [cell(0.03, x), cell(0.02, y)]).collect();
         seen.sort_by(|a, b| a.partial_cmp(b).unwrap());
         seen.dedup();
-        let (sin, cos) = place.heading_rad.sin_cos();
+        let (sin, cos) = libm::sincos(place.heading_rad);
         for [x, y] in seen.into_iter().map(|[x, y]| [0.03 * (x + 0.5), 0.02 * (y + 0.5)]) {
             let (x, y) = (cos * x - sin * y, sin * x + cos * y);
             let inwards = if y > 0.0 { place.left_m - y } else { place.right_m + y };
@@ -91,8 +90,8 @@ fn cells(lane: LaneName, inwards_m: [[f64; 2]; 5]) -> [f64; 5] {
                 counts.iter_mut().zip(&inwards_m).for_each(|(n, band)| *n += f64::from(u8::from(is_in(band))));
             }
         }
-    }
-    counts.map(|n| n / f64::from(scans))
+    });
+    counts.map(|n| n / scans)
 }
 
 #[test]

@@ -139,7 +139,7 @@ fn scan_is_exact(
     (moved_m, turned_rad): (f64, f64),
     scatter_seed: u64,
 ) -> Result<(), TestCaseError> {
-    let shape = |(x, y, radius, half_height, per_m): &(f64, f64, f64, f64, f64)| {
+    let shape = |(x, y, radius, half_height, per_m): &Plant| {
         let mut shape = crown(*x, *y, *radius, *per_m);
         shape.crown.half_height_m = *half_height;
         shape.poles =
